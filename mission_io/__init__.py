@@ -101,7 +101,7 @@ __all__ = [
     "write_mission",
 ]  # fmt: skip
 
-_PLACES = {
+_MODULES = {
     "mission_io.autopilots.autopilot": (
         "ARDUPILOT", "ARDUPILOT_PLANE", "ARDUPILOT_ROVER", "PX4", "Autopilot", "autopilot_for",
     ),
@@ -139,14 +139,14 @@ _PLACES = {
     "mission_io.wire.messages": ("Address",),
     "mission_io.wire.signing": ("SigningKey",),
 }  # fmt: skip
-_PLACE_OF = {name: module for module, names in _PLACES.items() for name in names}
+_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
     """The public names, each loaded on first use."""
-    if name not in _PLACE_OF:
+    if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(_PLACE_OF[name]), name)
+    value = getattr(import_module(_MODULE_OF[name]), name)
     globals()[name] = value
     return value
 

@@ -70,7 +70,7 @@ def _checked(value: object, kind: Any, where: str) -> object:
         raise ValueError(f"{where}: expected a value of type {kind.__name__}, not {value!r}")
     if isinstance(value, int | float) and not math.isfinite(value):
         raise ValueError(f"{where}: must be finite, not {value}")
-    if isinstance(value, float) and where.endswith(("_share", "_fraction")) and not 0.0 <= value <= 1.0:
+    if isinstance(value, float) and where.endswith("_fraction") and not 0.0 <= value <= 1.0:
         raise ValueError(f"{where}: must be between 0 and 1, not {value}")
     return float(value) if kind is float and isinstance(value, int) else value
 

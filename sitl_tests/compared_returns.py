@@ -54,12 +54,12 @@ def compare(case: FailsafeCase, flown: Flown, *, flat: bool) -> Compared:
     the speed that it is set to fly, which after a corner is more than it has (``trajectory_setpoint`` in its log).
     """
     (vx, vy), found = flown.velocity_m_s, list[Compared]()
-    shares = [1.0, 0.6]
+    fractions = [1.0, 0.6]
     if case.autopilot == "px4":
-        shares.append(max(1.0, SPEED_M_S / max(math.hypot(vx, vy), 1.0)))
-    for share in shares:
-        ways = predicted(case, flown.place_m, (share * vx, share * vy), flown.leg, flat=flat)
-        found += [_compared(case, flown, paths) for paths in ways]
+        fractions.append(max(1.0, SPEED_M_S / max(math.hypot(vx, vy), 1.0)))
+    for fraction in fractions:
+        found_paths = predicted(case, flown.position_m, (fraction * vx, fraction * vy), flown.leg, flat=flat)
+        found += [_compared(case, flown, paths) for paths in found_paths]
     return min(found, key=lambda one: max(one.off_m, one.left_out_m))
 
 
@@ -72,9 +72,9 @@ def _compared(case: FailsafeCase, flown: Flown, paths: FailsafePaths) -> Compare
     lands = len(line) > 1 and bool(np.all(line[-1, :2] == line[-2, :2])) and line[-1, 2] < line[-2, 2]
     bottom = line[-1, :2] if lands else np.full(2, np.nan)
 
-    def clearance_m(places: FloatArray) -> float:
-        above = places[:, 2] - case.terrain.heights_m(places[:, :2])
-        return float(above[~(np.hypot(*(places[:, :2] - bottom).T) < _LANDING_M)].min(initial=math.inf))
+    def clearance_m(positions: FloatArray) -> float:
+        above = positions[:, 2] - case.terrain.heights_m(positions[:, :2])
+        return float(above[~(np.hypot(*(positions[:, :2] - bottom).T) < _LANDING_M)].min(initial=math.inf))
 
     return Compared(
         float(off.max()),
@@ -103,12 +103,14 @@ def _sampled(line: FloatArray) -> FloatArray:
     return np.vstack(pieces)
 
 
-def distances_m(places_m: FloatArray, line_m: FloatArray) -> FloatArray:
+def distances_m(positions_m: FloatArray, line_m: FloatArray) -> FloatArray:
     """(n,) distances of places (n, 3) from a line of points (m, 3)."""
-    best = np.full(len(places_m), math.inf)
+    best = np.full(len(positions_m), math.inf)
     for begin, end in itertools.pairwise(line_m):
-        way = end - begin
-        length = float(way @ way)
-        share = np.clip((places_m - begin) @ way / length, 0.0, 1.0) if length > 0.0 else np.zeros(len(places_m))
-        best = np.minimum(best, np.linalg.norm(places_m - begin - share[:, None] * way, axis=1))
+        leg = end - begin
+        length = float(leg @ leg)
+        fraction = (
+            np.clip((positions_m - begin) @ leg / length, 0.0, 1.0) if length > 0.0 else np.zeros(len(positions_m))
+        )
+        best = np.minimum(best, np.linalg.norm(positions_m - begin - fraction[:, None] * leg, axis=1))
     return best

@@ -92,13 +92,13 @@ def plan_of(mission: Mission, home: GeoPoint) -> FlightPlan:
 def waypoints_held(case: Case) -> list[tuple[float, float, float]]:
     """The waypoints of the mission that another station downloads from the vehicle, in metres from home."""
     held = mission_from_wire(case.held(MissionType.MISSION), AUTOPILOTS[case.autopilot])
-    places = []
+    positions = []
     for item in held.items:
         if item.command == Command.NAV_WAYPOINT:
             above = case.vehicle.home.alt_amsl_m if item.frame is Frame.ABOVE_HOME else 0.0
             enu = frame_at(case.vehicle.home).enu_from_geodetic(item.lat_deg, item.lon_deg, above + item.alt_m)[0]
-            places.append((float(enu[0]), float(enu[1]), float(enu[2])))
-    return places
+            positions.append((float(enu[0]), float(enu[1]), float(enu[2])))
+    return positions
 
 
 def require_flown(path: Path, waypoints_m: list[tuple[float, float, float]]) -> float:
@@ -152,8 +152,8 @@ def fly_mission(
         case.take_event(event)
         on_event(event)
 
-    def way_home(lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Mission:
-        return _way_home(case.vehicle.home, lat_deg, lon_deg, alt_amsl_m)
+    def return_mission(lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Mission:
+        return _return_mission(case.vehicle.home, lat_deg, lon_deg, alt_amsl_m)
 
     try:
         outcome = fly(
@@ -169,7 +169,7 @@ def fly_mission(
                 timeouts=FlightTimeouts(override_s=_ELSEWHERE_S),
                 precautions=Precautions(on_breach=on_breach),
             ),
-            plan_return=way_home,
+            plan_return=return_mission,
         )
     except FlightFailedError as error:
         outcome = error.outcome
@@ -177,7 +177,7 @@ def fly_mission(
     return outcome, path
 
 
-def _way_home(home: GeoPoint, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Mission:
+def _return_mission(home: GeoPoint, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Mission:
     """From a place in the air to above home, and down: simulators have no terrain that such a leg could hit."""
     frame, height_m = Frame.ABOVE_HOME, alt_amsl_m - home.alt_amsl_m
     return Mission(

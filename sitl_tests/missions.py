@@ -54,7 +54,9 @@ def route_mission(
 def long_mission(home: GeoPoint, count: int, *, lowest_m: float = HEIGHT_M) -> Mission:
     """Many waypoints on a spiral, for transfers."""
     middle = tuple(
-        waypoint(*_place(home, (5.0 * (n % 20), 30.0 + 4.0 * (n // 20))), lowest_m + 0.37 * n, frame=Frame.ABOVE_HOME)
+        waypoint(
+            *_position(home, (5.0 * (n % 20), 30.0 + 4.0 * (n // 20))), lowest_m + 0.37 * n, frame=Frame.ABOVE_HOME
+        )
         for n in range(count - 2)
     )
     return Mission(
@@ -76,28 +78,28 @@ def fence_around(home: GeoPoint, half_width_m: float) -> Fence:
     """A square to stay inside of, around home."""
     corners = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
     return Fence(
-        (FencePolygon(tuple(LatLon(*_place(home, (half_width_m * e, half_width_m * n))) for e, n in corners)),)
+        (FencePolygon(tuple(LatLon(*_position(home, (half_width_m * e, half_width_m * n))) for e, n in corners)),)
     )
 
 
 def fence_with_hole(home: GeoPoint) -> Fence:
     """A square around home, and a circle to stay out of."""
     square = fence_around(home, 300.0).polygons
-    return Fence(square, (FenceCircle(LatLon(*_place(home, (150.0, 150.0))), 20.0, inclusion=False),))
+    return Fence(square, (FenceCircle(LatLon(*_position(home, (150.0, 150.0))), 20.0, inclusion=False),))
 
 
-def rally_points(home: GeoPoint, places_m: tuple[EastNorth, ...] = ((20.0, 10.0), (-15.0, 35.0))) -> RallyPoints:
+def rally_points(home: GeoPoint, positions_m: tuple[EastNorth, ...] = ((20.0, 10.0), (-15.0, 35.0))) -> RallyPoints:
     """Places beside home, 30 m above it."""
-    return RallyPoints(tuple(FramedPoint(*_place(home, place), 30.0) for place in places_m))
+    return RallyPoints(tuple(FramedPoint(*_position(home, position), 30.0) for position in positions_m))
 
 
 def _waypoint(home: GeoPoint, east_north_m: EastNorth, height_m: float, frame: Frame) -> MissionItem:
     """A waypoint that leaves the heading to the vehicle, as compiled missions do."""
-    item = waypoint(*_place(home, east_north_m), height_m, frame=frame)
+    item = waypoint(*_position(home, east_north_m), height_m, frame=frame)
     return replace(item, params=(*item.params[:3], nan))
 
 
-def _place(home: GeoPoint, east_north_m: EastNorth) -> tuple[float, float]:
+def _position(home: GeoPoint, east_north_m: EastNorth) -> tuple[float, float]:
     frame = LocalFrame(home.lat_deg, home.lon_deg, home.alt_amsl_m)
     lat, lon, _ = frame.geodetic_from_enu((*east_north_m, 0.0))
     return float(lat[0]), float(lon[0])

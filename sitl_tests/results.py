@@ -67,9 +67,9 @@ def markdown_text(results: Sequence[Result], skipped: Mapping[str, str], circums
 
 def _row(result: Result, log: str, sha256: str) -> tuple[object, ...]:
     cell, finding = result.cell, result.finding
-    asked = (cell.vehicle.name, cell.capability, cell.client)
+    requested = (cell.vehicle.name, cell.capability, cell.client)
     judged = (finding.outcome, cell.expected.outcome, result.as_expected, cell.expected.why, finding.detail)
-    return (*asked, *judged, result.version, f"{result.wall_s:.1f}", log, sha256)
+    return (*requested, *judged, result.version, f"{result.wall_s:.1f}", log, sha256)
 
 
 def _outcomes(results: Sequence[Result]) -> list[str]:

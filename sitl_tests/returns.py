@@ -131,8 +131,10 @@ def make_case(seed: int, autopilot: AutopilotName, *, triggers: Sequence[str]) -
             for _ in range(rng.integers(5, 11))
         ),
     )  # fmt: skip
-    places = [(float(rng.uniform(60.0, 320.0)), float(rng.uniform(0.0, math.tau))) for _ in range(rng.integers(3, 6))]
-    route_en = np.array([(r * math.cos(a), r * math.sin(a)) for r, a in places])
+    positions = [
+        (float(rng.uniform(60.0, 320.0)), float(rng.uniform(0.0, math.tau))) for _ in range(rng.integers(3, 6))
+    ]
+    route_en = np.array([(r * math.cos(a), r * math.sin(a)) for r, a in positions])
     route = _above(terrain, route_en, float(rng.uniform(10.0, 30.0)))
     rally = []
     for _ in range(rng.integers(0, 4)):
@@ -148,7 +150,7 @@ def make_case(seed: int, autopilot: AutopilotName, *, triggers: Sequence[str]) -
     )  # fmt: skip
 
 
-def make_way_case(seed: int, autopilot: AutopilotName, *, kind: float) -> FailsafeCase:
+def make_return_case(seed: int, autopilot: AutopilotName, *, kind: float) -> FailsafeCase:
     """A case whose return goes along the mission or the flown path, by its seed.
 
     Args:
@@ -280,7 +282,7 @@ def _waypoint(point: Point):  # type: ignore[no-untyped-def]
 
 
 def predicted(
-    case: FailsafeCase, place_m: Point, velocity_m_s: tuple[float, float], leg: int, *, flat: bool
+    case: FailsafeCase, position_m: Point, velocity_m_s: tuple[float, float], leg: int, *, flat: bool
 ) -> list[FailsafePaths]:
     """The paths from a moment of a leg; on flat ground, as simulators have it, or on the case's terrain."""
     settings = failsafe_settings(case.autopilot, case.all_parameters)
@@ -288,7 +290,7 @@ def predicted(
     route = np.array([(0.0, 0.0, up), *case.route_m, (*case.lands_at_m, up)])
     landing = case.landing if case.autopilot == "px4" else None
     to = Destinations(np.zeros(3), np.array([point for point, _ in case.rally]).reshape(-1, 3), route, landing=landing)
-    states = FlightStates(np.array([place_m]), np.array([velocity_m_s]), np.zeros(1), np.array([leg + 1]))
+    states = FlightStates(np.array([position_m]), np.array([velocity_m_s]), np.zeros(1), np.array([leg + 1]))
     ground = (lambda en: np.zeros(len(en))) if flat else case.terrain.heights_m
     paths = predict(settings, states, to, ground)
     return [one for one in paths if any(_is_of(response, case) for response in one.responses)]
@@ -309,7 +311,7 @@ class Flown:
     """What was flown from the moment on that it was triggered.
 
     Attributes:
-        place_m: where it was then.
+        position_m: where it was then.
         velocity_m_s: how fast.
         leg: waypoint of the route that it flew to; the number of waypoints on the way to its end.
         track_m: (n, 3) from then on.
@@ -317,7 +319,7 @@ class Flown:
         version: what flew.
     """
 
-    place_m: Point
+    position_m: Point
     velocity_m_s: tuple[float, float]
     leg: int
     track_m: FloatArray
@@ -368,8 +370,8 @@ def fly_on_mock(case: FailsafeCase) -> Flown:
             if case.trigger == "commanded":
                 vehicle.control.set_mode(Mode.RETURN)
     body = vehicle.body
-    (vx, vy, _), place = body.point.velocity_m_s, body.point.position_m
-    track, still_s = [place], 0.0
+    (vx, vy, _), position = body.point.velocity_m_s, body.point.position_m
+    track, still_s = [position], 0.0
     while vehicle.flying and still_s < _SETTLED_S and now < 3.0 * _LONGEST_S:
         now += _TICK_S
         if case.trigger != "ground station":
@@ -377,4 +379,4 @@ def fly_on_mock(case: FailsafeCase) -> Flown:
         vehicle.advance(now)
         still_s = still_s + _TICK_S if math.dist(track[-1], body.point.position_m) < 0.005 else 0.0
         track.append(body.point.position_m)
-    return Flown(place, (vx, vy), leg_of(case, seq), np.array(track), body.crashed)
+    return Flown(position, (vx, vy), leg_of(case, seq), np.array(track), body.crashed)

@@ -201,15 +201,15 @@ def summary(rows: Sequence[Judged]) -> dict[str, int]:
     return {**figures, "honest": len(honest), "honest, passed": sum(not row.finding for row in honest)}
 
 
-def _told(figures: dict[str, int]) -> str:
+def _reported(figures: dict[str, int]) -> str:
     return ", ".join(f"{name}: {value}" for name, value in figures.items()) + "."
 
 
 def table(rows: Sequence[Judged], words: str) -> str:
     """The section of a page: what was found by family, and every finding."""
     lines = [
-        words, "", "Together: " + _told(summary(rows)), "",
-        *(f"- {name}: {_told(summary([row for row in rows if row.scenario == name]))}"
+        words, "", "Together: " + _reported(summary(rows)), "",
+        *(f"- {name}: {_reported(summary([row for row in rows if row.scenario == name]))}"
           for name in dict.fromkeys(row.scenario for row in rows)), "",
         "| family | as run folder: caught | as foreign log: caught | as survey: caught | verdicts as foreign log |",
         "|---|---:|---:|---:|---|",
@@ -242,14 +242,14 @@ def write_csv(path: Path, rows: Sequence[Judged]) -> None:
 
 def commit() -> str:
     """The commit that judges."""
-    told = subprocess.run(
+    reported = subprocess.run(
         ["git", "describe", "--always", "--dirty", "--abbrev=12"],
         cwd=Path(__file__).parent,
         capture_output=True,
         text=True,
         check=False,
     )
-    return told.stdout.strip() or "unknown"
+    return reported.stdout.strip() or "unknown"
 
 
 def _judged(

@@ -32,7 +32,7 @@ class RandomCase:
         sensor: one of SENSORS.
         kind: all but the sensor.
         sensor_keys: of the scenario's table of it.
-        asked: share of what can be seen.
+        required: share of what can be seen.
         fence_m: the fence is the hull of area and home, grown by this.
         zone: a no-fly zone's circle, east and north of the middle, radius and margin; none: no zone.
         autopilot: which.
@@ -45,7 +45,7 @@ class RandomCase:
     sensor: str
     kind: Kind
     sensor_keys: str
-    asked: float
+    required: float
     fence_m: float
     zone: tuple[float, float, float, float] | None
     autopilot: AutopilotName
@@ -57,7 +57,7 @@ class RandomCase:
         if self.endurance_s is not None:
             vehicle += f"endurance_s = {self.endurance_s:.0f}\n"
         return write_kind(
-            folder, self.kind, name=f"random {self.number}", asked=self.asked, sensor=self.sensor_keys,
+            folder, self.kind, name=f"random {self.number}", required=self.required, sensor=self.sensor_keys,
             limits=f"fence_margin_m = {self.fence_m:.1f}", vehicle=vehicle, more=self._zone(),
         )  # fmt: skip
 
@@ -86,7 +86,7 @@ def random_case(number: int) -> RandomCase:
         margin_m=2.0 if width_m < 30.0 else float(rng.uniform(1.5, 5.0)),
         prisms=_prisms(shape, low_m, rng) if rng.random() < 0.35 else (),
     )
-    sensor_keys, asked = _sensor(sensor, rng), float(rng.choice([0.95, 0.98, 0.99]))
+    sensor_keys, required = _sensor(sensor, rng), float(rng.choice([0.95, 0.98, 0.99]))
     beside = np.random.default_rng([_BESIDE, number])
     fence_m = float(beside.uniform(6.0, 30.0)) if beside.random() < 0.5 else 150.0
     zone = _zone(shape, beside) if beside.random() < 0.3 else None
@@ -94,7 +94,7 @@ def random_case(number: int) -> RandomCase:
     endurance_s = float(beside.uniform(300.0, 480.0)) if beside.random() < 0.25 else None
     kind = replace(kind, prisms=_some_towers(kind, beside))
     return RandomCase(
-        number, ground, area, sensor, kind, sensor_keys, asked, fence_m, zone, autopilot, endurance_s
+        number, ground, area, sensor, kind, sensor_keys, required, fence_m, zone, autopilot, endurance_s
     )  # fmt: skip
 
 

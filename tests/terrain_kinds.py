@@ -134,12 +134,12 @@ SENSORS: dict[str, str] = {
     "trigger_distance_m = 40.0",
 }  # fmt: skip
 
-ASKED = {"sphere": 0.95, "pictures": 0.95}
+REQUIRED = {"sphere": 0.95, "pictures": 0.95}
 """Of what can be seen; 0.98 of the sensors that are not named."""
 
 _SCENARIO = """\
 name = "{name}"
-select = "coverage>={asked}"
+select = "coverage>={required}"
 
 [area]
 geojson = "area.geojson"
@@ -177,7 +177,7 @@ return_height_m = 100.0
 def write_scenario(folder: Path, kind_name: str, sensor_name: str) -> Path:
     """The files of one kind of terrain and one kind of sensor; the scenario's file."""
     return write_kind(
-        folder, KINDS[kind_name], name=f"{kind_name}, {sensor_name}", asked=ASKED.get(sensor_name, 0.98),
+        folder, KINDS[kind_name], name=f"{kind_name}, {sensor_name}", required=REQUIRED.get(sensor_name, 0.98),
         sensor=SENSORS[sensor_name],
     )  # fmt: skip
 
@@ -187,7 +187,7 @@ def write_kind(
     kind: Kind,
     *,
     name: str,
-    asked: float,
+    required: float,
     sensor: str,
     limits: str = "",
     vehicle: str = "",
@@ -207,7 +207,7 @@ def write_kind(
     to_earth = Transformer.from_crs(TRUE_TO_SCALE, 4326, always_xy=True)
     lon, lat = to_earth.transform(west - 60.0, south - 30.0)
     text = _SCENARIO.format(
-        name=name, asked=asked, cell_size_m=kind.cell_size_m, home_lat=lat, home_lon=lon, sensor=sensor, low=kind.band_m[0],
+        name=name, required=required, cell_size_m=kind.cell_size_m, home_lat=lat, home_lon=lon, sensor=sensor, low=kind.band_m[0],
         high=kind.band_m[1], margin=kind.margin_m, limits=limits, vehicle=vehicle,
     )  # fmt: skip
     if kind.prisms:

@@ -186,8 +186,8 @@ def merged(block: dict[str, Any]) -> str:
         for keys in each:
             homes = {key: value for key, value in keys.items() if isinstance(value, dict)}
             top += [f"[[{name}]]", *(f"{key} = {json.dumps(value)}" for key, value in keys.items() if key not in homes)]
-            for key, place in homes.items():
-                top += [f"[{name}.{key}]", *(f"{part} = {json.dumps(value)}" for part, value in place.items())]
+            for key, position in homes.items():
+                top += [f"[{name}.{key}]", *(f"{part} = {json.dumps(value)}" for part, value in position.items())]
     return "\n".join(top)
 
 

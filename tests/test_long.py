@@ -33,5 +33,5 @@ def test_what_was_measured_decides_and_what_was_not_stays() -> None:
 def test_the_matrix_alone_has_its_long_cells() -> None:
     """``sh scripts/test.sh -m long sitl_tests`` ran none of them: the marks came with the folder ``tests`` only."""
     collect = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-p", "no:cacheprovider", "sitl_tests"]
-    told = subprocess.run([*collect, "-m", "long"], capture_output=True, text=True, check=True).stdout
-    assert {name for name in listed() if name.startswith("sitl_tests/")} <= set(told.splitlines())
+    reported = subprocess.run([*collect, "-m", "long"], capture_output=True, text=True, check=True).stdout
+    assert {name for name in listed() if name.startswith("sitl_tests/")} <= set(reported.splitlines())

@@ -83,8 +83,8 @@ class Project:
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.folder = folder
-        for place in (mutants, mutate_judgement):
-            monkeypatch.setattr(place, "ROOT", folder)
+        for position in (mutants, mutate_judgement):
+            monkeypatch.setattr(position, "ROOT", folder)
         monkeypatch.setattr(mutate_judgement, "TESTS", {"mutated_code.py": ["test_mutated_code.py"]})
         monkeypatch.setattr(mutate_judgement, "NAMED", {})
         monkeypatch.setattr(mutate_judgement, "_warm_up", lambda: None)
@@ -144,8 +144,8 @@ def test_survivors_are_tried_again_when_asked_to_and_not_where_a_reason_stands(p
     project.test("assert double(3) == 6")
     assert project.run()["x * 2: Mult -> Div"] == "survived"
     rows = (project.folder / "page.csv").read_text().splitlines()
-    told = [row + "equivalent: nobody calls it" if "x + 3: Add -> Sub" in row else row for row in rows]
-    (project.folder / "page.csv").write_text("\n".join(told) + "\n")
+    reported = [row + "equivalent: nobody calls it" if "x + 3: Add -> Sub" in row else row for row in rows]
+    (project.folder / "page.csv").write_text("\n".join(reported) + "\n")
     assert project.run("--survivors")["x * 2: Mult -> Div"] == "killed"
     assert "`x + 3: Add -> Sub`: equivalent: nobody calls it" in (project.folder / "page.md").read_text()
 

@@ -25,8 +25,8 @@ def test_the_public_names() -> None:
 
 
 def test_every_public_name_has_one_place() -> None:
-    places = {name for names in uc._PLACES.values() for name in names}
-    assert places | (NAMES & set(vars(uc))) == NAMES
+    positions = {name for names in uc._POSITIONS.values() for name in names}
+    assert positions | (NAMES & set(vars(uc))) == NAMES
 
 
 def test_mission_io_exports_what_it_says() -> None:

@@ -28,8 +28,8 @@ from tests.verification.test_dates import BOUNDS, NOON_S, track_at
 from tests.verification.track_logs.samples import FRAME, GROUND_M, write_dataflash, write_tlog, write_ulog
 from uavcover.errors import InputError, TrackError
 from uavcover.extras.check.mission_file import read_mission_file, read_parameter_file
-from uavcover.extras.photos.placing import Assumptions, missing_stretches, place_pictures
-from uavcover.extras.photos.readers import read_pictures
+from uavcover.extras.photos.placing import Assumptions, locate_photos, missing_stretches
+from uavcover.extras.photos.readers import read_photos
 from uavcover.model.track import COLUMNS
 from uavcover.model.verdict import Judgement, noted, unproved
 from uavcover.run.track_file import read_track_with_warnings
@@ -39,7 +39,7 @@ from uavcover.scenario.scenario_file import parse_scenario
 from uavcover.scenario.site import build_site, load_site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.terrain.elevation_file import read_heights_amsl_m
-from uavcover.terrain.suspect_heights import suspect_places
+from uavcover.terrain.suspect_heights import suspect_positions
 from uavcover.terrain.terrain_source import TerrainSource
 from uavcover.verification.command import elevation_biases, widened
 from uavcover.verification.run_logs import ROLLOVER_S, dated
@@ -100,7 +100,7 @@ def _dem(folder: Path, heights: np.ndarray, *, west: float = 8.0, step: float = 
 
 
 def _doubts(heights: np.ndarray, folder: Path) -> str:
-    return "; ".join(one.words for one in suspect_places(_dem(folder, heights), "EGM96", (8.0, 46.0, 8.025, 46.02)))
+    return "; ".join(one.words for one in suspect_positions(_dem(folder, heights), "EGM96", (8.0, 46.0, 8.025, 46.02)))
 
 
 def _relief() -> np.ndarray:
@@ -130,7 +130,7 @@ def sea_without_data(folder: Path) -> str:
     land = 0.8 * (columns - 110.0 - 10.0 * np.sin(rows / 15.0))
     source = TerrainSource((_dem(folder, np.where(land > 0.0, land, np.nan)),), water_height_m=0.0)
     heights = read_heights_amsl_m(source, "EGM96", np.array([46.01, 46.01]), np.array([8.001, 7.99]))
-    return f"{heights} {suspect_places(source, 'EGM96', (7.99, 46.005, 8.02, 46.015))}"
+    return f"{heights} {suspect_positions(source, 'EGM96', (7.99, 46.005, 8.02, 46.015))}"
 
 
 def rangefinder_and_dem(folder: Path) -> str:
@@ -246,8 +246,8 @@ max_height_agl_m = 20.0
 """
     site = build_site(parse_scenario(text, source="disc", folder=folder))
     coverage = CoverageMap(site, cell_size_m=0.5)
-    seen = coverage.seen(np.array([[0.0, 1.5, 10.0], [60.0, 1.5, 10.0]]))
-    return f"{100.0 * float(np.mean(seen)):.0f} %"
+    observed = coverage.observed(np.array([[0.0, 1.5, 10.0], [60.0, 1.5, 10.0]]))
+    return f"{100.0 * float(np.mean(observed)):.0f} %"
 
 
 def tile_under_two_virtual_rasters(folder: Path) -> str:
@@ -279,21 +279,21 @@ def table_of_exiftool(folder: Path) -> str:
         "SourceFile,GPSLatitude,GPSLongitude,GPSAltitude,DateTimeOriginal\n"
         """./a.jpg,"8 deg 27' 55.22"" S","13 deg 12' 0.92"" W",3 m Below Sea Level,2025:04:16 07:25:57\n"""
     )
-    (one,) = read_pictures([folder / "a.csv"]).pictures
+    (one,) = read_photos([folder / "a.csv"]).photos
     return f"{one.lat_deg:.6f} {one.lon_deg:.6f} {one.alt_m} {one.time_s}"
 
 
 def photos_deleted_from_lines(_: Path) -> str:
     whole = survey(np.random.default_rng(0), by="time")
     lost = [one for k, one in enumerate(whole) if k not in (5, 44, 45, 46)]
-    found = [missing_stretches(place_pictures(some, PHOTO_FRAME, Assumptions())) for some in (whole, lost)]
+    found = [missing_stretches(locate_photos(some, PHOTO_FRAME, Assumptions())) for some in (whole, lost)]
     return f"{found[0]} {[(one.after, one.photos) for one in found[1]]}"
 
 
-def photos_without_places(folder: Path) -> str:
+def photos_without_positions(folder: Path) -> str:
     write_jpeg(folder / "a.jpg")
     try:
-        place_pictures(read_pictures([folder]).pictures, PHOTO_FRAME, Assumptions())
+        locate_photos(read_photos([folder]).photos, PHOTO_FRAME, Assumptions())
     except TrackError as error:
         return str(error)
     return "no error"
@@ -367,7 +367,7 @@ REPORTS = (
     Report("a row contradicts the verdict", row_that_contradicts_the_verdict, "^not proved; not proved; yes$"),
     Report("a table as ExifTool prints it", table_of_exiftool, r"^-8\.465339 -13\.200256 -3\.0 1744788357\.0$"),
     Report("photos are deleted", photos_deleted_from_lines, r"^\[\] \[\('IMG_0004.JPG', 1\), \('IMG_0043.JPG', 3\)\]$"),
-    Report("photos have no places", photos_without_places, r"no position\); add a list of their positions"),
+    Report("photos have no places", photos_without_positions, r"no position\); add a list of their positions"),
 )
 
 

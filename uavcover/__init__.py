@@ -71,7 +71,7 @@ __all__ = [
 BEGUN_S = time.monotonic()
 """Start of this process, from which the time budget of a command counts."""
 
-_PLACES = {
+_MODULES = {
     "uavcover.errors": ("InfeasibleError", "InputError", "UavcoverError", "VehicleError"),
     "uavcover.verification.verify": ("Verdict",),
     "uavcover.model.route": ("Plan", "Route"),
@@ -85,7 +85,7 @@ _PLACES = {
 
 def __getattr__(name: str) -> Any:
     """The public names, each loaded on first use."""
-    for module, names in _PLACES.items():
+    for module, names in _MODULES.items():
         if name in names:
             value = getattr(import_module(module), name)
             globals()[name] = value

@@ -103,7 +103,7 @@ def _by_field(*rules: StorageRule) -> Storage:
 
 _C = Command
 _RALLY = frozenset({int(_C.NAV_RALLY_POINT)})
-_PLACES = frozenset(
+_POSITIONS = frozenset(
     {
         _C.NAV_WAYPOINT, _C.NAV_LOITER_UNLIM, _C.NAV_LOITER_TURNS, _C.NAV_LOITER_TIME, _C.NAV_LAND, _C.NAV_TAKEOFF,
         _C.NAV_LOITER_TO_ALT, _C.NAV_SPLINE_WAYPOINT, _C.NAV_VTOL_TAKEOFF, _C.NAV_VTOL_LAND, _C.DO_SET_ROI_LOCATION,
@@ -153,7 +153,7 @@ _ARDUPILOT_COMMON = (
             (name,), WITHOUT_POSITION - kept, "ArduPilot keeps only these values of a command without a position"
         )
     ),
-    _rule("alt_m", _PLACES, _to_centimetres, "ArduPilot truncates altitudes to centimetres", 0.01001),
+    _rule("alt_m", _POSITIONS, _to_centimetres, "ArduPilot truncates altitudes to centimetres", 0.01001),
     *_drop(
         ("param2", "param3", "param4", "alt_m"), FENCE_COMMANDS, "ArduPilot keeps only the position and size of a fence"
     ),
@@ -212,7 +212,7 @@ class Autopilot:
     legacy_requests: bool  # whether it asks for items with the deprecated MISSION_REQUEST
     rerequest_s: float  # it asks again after this silence
     give_up_s: float  # it ends an upload after this silence
-    says_give_up: bool  # whether it reports (with OPERATION_CANCELLED) that it gave up
+    reports_give_up: bool  # whether it reports (with OPERATION_CANCELLED) that it gave up
     atomic: frozenset[MissionType]  # the lists that a failed upload leaves as they were
     busy_result: MissionResult  # its answer to the upload of a second ground station
     # answer to a request for a list or an item while another transfer keeps it out; None for nothing

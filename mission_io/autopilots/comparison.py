@@ -80,7 +80,7 @@ def meaning_of(command: int, number: int) -> Meaning:
     return _LETTERS[known[number - 1]] if number <= len(known) else Meaning.NUMBER
 
 
-def has_no_place(command: int) -> bool:
+def has_no_position(command: int) -> bool:
     """Whether parameters 5 to 7 of a command are of no use: neither a position nor numbers."""
     return _meanings().get(command, "")[4:] == "---"
 
@@ -121,7 +121,7 @@ _FLOAT32_STEP = 2.0**-23
 
 FieldValue = float | int | str | bool | None
 
-SAME_PLACE_M = 0.02
+SAME_POSITION_M = 0.02
 """Places and heights no farther apart are the same."""
 
 _WIRE_STEP_DEG = 1.000001e-7
@@ -163,7 +163,7 @@ def compare_items(
         if number == 0 and home_first:
             if (a.lat_deg, a.lon_deg, a.alt_m) != (b.lat_deg, b.lon_deg, b.alt_m):
                 why = f"{autopilot.name} keeps its own home in item 0"
-                differences.append(Difference(0, "home", _place(a), _place(b), True, why))
+                differences.append(Difference(0, "home", _position(a), _position(b), True, why))
             continue
         differences.extend(_item_differences(number, a, b, autopilot))
     return tuple(differences)
@@ -248,7 +248,7 @@ def _verdict(
     item: MissionItem, name: str, sent: float, received: float, autopilot: Autopilot, size_m: float | None
 ) -> tuple[bool, str]:
     if item.has_position and name in ("lat_deg", "lon_deg"):
-        return _place_verdict(sent, received, size_m)
+        return _position_verdict(sent, received, size_m)
     meaning = Meaning.NUMBER if item.has_position and name == "alt_m" else meaning_of(item.command, _NUMBERS[name])
     if meaning is Meaning.RESERVED:
         return True, meaning.value
@@ -265,17 +265,17 @@ def _verdict(
     if math.isfinite(sent) and received == float32(sent):
         return True, "MAVLink carries this number in 32 bits"
     if size_m is not None:
-        is_same = size_m <= SAME_PLACE_M
+        is_same = size_m <= SAME_POSITION_M
         return is_same, "this is the same height within 2 cm" if is_same else "this is a different height"
     if meaning.same(sent, received):
         return True, f"the meaning is the same: {meaning.value}"
     return False, "the value differs, and no known behaviour of the autopilot explains it"
 
 
-def _place_verdict(sent: float, received: float, apart_m: float | None) -> tuple[bool, str]:
+def _position_verdict(sent: float, received: float, apart_m: float | None) -> tuple[bool, str]:
     if math.isfinite(sent) and abs(received - degrees_on_wire(sent)) < _HALF_UNIT_DEG:
         return True, "MAVLink carries coordinates in steps of 1e-7 degrees"
-    if abs(received - sent) <= _WIRE_STEP_DEG or (apart_m is not None and apart_m <= SAME_PLACE_M):
+    if abs(received - sent) <= _WIRE_STEP_DEG or (apart_m is not None and apart_m <= SAME_POSITION_M):
         return True, "this is the same position within 2 cm or a step of 1e-7 degrees"
     return False, "this is a different position"
 
@@ -292,7 +292,7 @@ def _close(a: float, b: float) -> bool:
     return same_number(a, b) or abs(a - b) <= abs(b) * _FLOAT32_STEP
 
 
-def _place(item: MissionItem) -> str:
+def _position(item: MissionItem) -> str:
     return f"{item.lat_deg:.7f}, {item.lon_deg:.7f}, {item.alt_m:.2f} m AMSL"
 
 

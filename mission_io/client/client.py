@@ -46,7 +46,7 @@ from mission_io.protocol.download import Download, DownloadState
 from mission_io.protocol.exchange import Clear, ClearState, ExchangeOptions
 from mission_io.protocol.tables import UploadState
 from mission_io.protocol.terrain import TerrainAnswers
-from mission_io.protocol.timing import CALLS, TRANSFERS, Patience, Timing
+from mission_io.protocol.timing import CALLS, TRANSFERS, RetryLimits, Timing
 from mission_io.protocol.upload import Upload
 from mission_io.wire.messages import Received
 from mission_io.wire.telemetry_messages import TerrainRequest
@@ -66,7 +66,7 @@ class Client(Connection):
         listener: Called with every message that arrives and the time in seconds, for logs.
 
     Attributes:
-        patience: What transfers have learnt about the link so far, such as its round-trip time.
+        retry_limits: What transfers have learnt about the link so far, such as its round-trip time.
         transferred: Of each list that was transferred whole, the number of its items and the vehicle's id of it; see
             ``mission_io.client.lists``.
     """
@@ -83,7 +83,7 @@ class Client(Connection):
     ) -> None:
         super().__init__(link, clock, system_id=system_id, component_id=component_id, listener=listener)
         self.timing = timing if timing is not None else Timing()
-        self.patience = Patience()
+        self.retry_limits = RetryLimits()
         self.transferred: dict[MissionType, TransferredList] = {}
 
     # Transfers.
@@ -264,7 +264,7 @@ class Client(Connection):
         """The arguments of an exchange with the vehicle."""
         return ExchangeOptions(
             mission_type=mission_type, local=self.local, vehicle=self.vehicle.address, now=self.clock.now(),
-            timing=self.timing, patience=self.patience,
+            timing=self.timing, retry_limits=self.retry_limits,
         )  # fmt: skip
 
     def _run(
@@ -293,7 +293,7 @@ class Client(Connection):
                 interrupted, progress, stop = True, None, None
                 exchange.cancel(self.clock.now())
             finally:
-                self.patience = exchange.patience
+                self.retry_limits = exchange.retry_limits
 
     def _clear_once(self, mission_type: MissionType) -> None:
         clear = Clear(**self.exchange_options(mission_type))

@@ -409,7 +409,7 @@ class Connection(Closing):
     def _answer_time(self, question: TimeSync) -> None:
         """Answer a vehicle's request for our time, unless it asks too often."""
         if self._time_answers.allows(self.clock.now()):
-            self.send(TimeSync(answered_ns=round(self.clock.now() * 1e9) or 1, asked_ns=question.asked_ns))
+            self.send(TimeSync(answered_ns=round(self.clock.now() * 1e9) or 1, requested_ns=question.requested_ns))
 
     def _agree_on_version(self, received: Received) -> None:
         """Use the newest MAVLink version the vehicle speaks."""

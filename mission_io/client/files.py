@@ -269,8 +269,8 @@ class LogDownload:
             self._bytes, self._here, self._here_bytes = resume._bytes, resume._here, resume._here_bytes
         self._first_gap = self._here.find(0)
         self._new_at = now
-        self._asked_to: int | None = None
-        self._asked_at = now
+        self._requested_to: int | None = None
+        self._requested_at = now
         self._ended = False
 
     @property
@@ -318,8 +318,8 @@ class LogDownload:
         self._new_at = now
         if piece == self._first_gap:
             self._first_gap = self._here.find(0, piece)
-        if self._asked_to is not None and (self._first_gap < 0 or self._first_gap >= self._asked_to):
-            self._asked_to = None  # the stretch is complete: request the next at once
+        if self._requested_to is not None and (self._first_gap < 0 or self._first_gap >= self._requested_to):
+            self._requested_to = None  # the stretch is complete: request the next at once
 
     def messages_to_send(self, now: float) -> list[Message]:
         """Messages due at ``now``."""
@@ -328,24 +328,24 @@ class LogDownload:
         if self._over:
             done, self._ended = self._ended, True
             return [] if done else [m.LogRequestEnd(*self._vehicle)]
-        if self._asked_to is not None and now < self._quiet_until:
+        if self._requested_to is not None and now < self._quiet_until:
             return []
         end = self._here.find(1, self._first_gap)
         end = min(len(self._here) if end < 0 else end, self._first_gap + _MOST_BYTES // m.LOG_DATA_BYTES)
-        self._asked_to, self._asked_at = end, now
+        self._requested_to, self._requested_at = end, now
         start_bytes = self._first_gap * m.LOG_DATA_BYTES
         wanted = min(end * m.LOG_DATA_BYTES, self.entry.size_bytes) - start_bytes
         return [m.LogRequestData(*self._vehicle, self.entry.log_id, start_bytes, wanted)]
 
     @property
     def _quiet_until(self) -> float:
-        return max(self._new_at, self._asked_at) + FILES.quiet_s
+        return max(self._new_at, self._requested_at) + FILES.quiet_s
 
     def next_timer(self) -> float | None:
         """Time of the next call without a message; None if it needs none."""
         if self.finished:
             return None
-        if self._over or self._asked_to is None:
+        if self._over or self._requested_to is None:
             return self._new_at
         return min(self._quiet_until, self._new_at + self._silent_s)
 

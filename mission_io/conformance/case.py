@@ -114,18 +114,19 @@ def sample(mission_type: MissionType, count: int, *, first: int = 0) -> tuple[Mi
 
     A fence is one polygon, so it needs three items.
     """
-    places = [
+    positions = [
         (degrees_on_wire(47.1 + 1e-4 * (first + i) + 1e-6 * i * i), degrees_on_wire(-8.2 - 2e-4 * (first + i)))
         for i in range(count)
     ]
     if mission_type is MissionType.FENCE:
-        return items_from_fence(Fence((FencePolygon(tuple(LatLon(*place) for place in places)),), ()))
+        return items_from_fence(Fence((FencePolygon(tuple(LatLon(*position) for position in positions)),), ()))
     heights_m = [float(20 + first + i) for i in range(count)]
     if mission_type is MissionType.RALLY:
-        points = (FramedPoint(*place, height) for place, height in zip(places, heights_m, strict=True))
+        points = (FramedPoint(*position, height) for position, height in zip(positions, heights_m, strict=True))
         return items_from_rally(RallyPoints(tuple(points)))
     return tuple(
-        waypoint(*place, height, frame=Frame.ABOVE_HOME) for place, height in zip(places, heights_m, strict=True)
+        waypoint(*position, height, frame=Frame.ABOVE_HOME)
+        for position, height in zip(positions, heights_m, strict=True)
     )
 
 

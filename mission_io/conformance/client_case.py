@@ -102,16 +102,16 @@ class Instead(Trick):
 class Loses(Trick):
     """Loses a fraction of everything, both ways, by a fixed seed."""
 
-    def __init__(self, share: float) -> None:
-        self._share, self._rng = share, Random(7)
+    def __init__(self, fraction: float) -> None:
+        self._fraction, self._rng = fraction, Random(7)
 
     def hears(self, message: m.Message, now: float) -> bool:
         """Swallow it, or not."""
-        return self._rng.random() >= self._share
+        return self._rng.random() >= self._fraction
 
     def says(self, message: m.Message, now: float) -> list[Said]:
         """Say it, or not."""
-        return [] if self._rng.random() < self._share else [Said(message)]
+        return [] if self._rng.random() < self._fraction else [Said(message)]
 
 
 class FallsSilent(Trick):

@@ -90,8 +90,8 @@ def _unlike_what_was_sent(e: StationEvidence) -> str:
 
 
 def _download_completes(e: StationEvidence) -> str:
-    asked = {_seq(h.message) for h in e.of(*REQUESTS)}
-    missing = set(range(len(e.old))) - asked
+    requested = {_seq(h.message) for h in e.of(*REQUESTS)}
+    missing = set(range(len(e.old))) - requested
     check(not missing, f"items {sorted(missing)} were never requested")
     check(_acks(e, MissionResult.ACCEPTED), "no ACK ACCEPTED at the end")
     check(e.reported_success is not False, "every item was sent, but the ground station reported a failure")
@@ -163,12 +163,12 @@ def int_requests(e: StationEvidence) -> str:
     return "asked with MISSION_REQUEST_INT"
 
 
-def only_what_is_asked(e: StationEvidence) -> str:
+def only_requested_items(e: StationEvidence) -> str:
     """Each item answers a request."""
     for h in e.of(*ITEMS):
         seq = _seq(h.message)
-        asked = any(_seq(q.message) == seq and q.at_s <= h.at_s for q in e.answered(*REQUESTS))
-        check(asked, f"item {seq} was sent before its request")
+        requested = any(_seq(q.message) == seq and q.at_s <= h.at_s for q in e.answered(*REQUESTS))
+        check(requested, f"item {seq} was sent before its request")
     return "each item after its request"
 
 
@@ -290,7 +290,7 @@ UPLOADS: Final[tuple[ClientCase, ...]] = (
     ),
     _case("upload-int-frames", _UP, "frames whose names end in INT", Section.FRAMES, t.Trick, completes, int_frames),
     _case("upload-only-asked", _UP, "a request is answered with that item", Section.UPLOAD,
-          lambda: t.late(REQUESTS, 0.05), completes, only_what_is_asked),
+          lambda: t.late(REQUESTS, 0.05), completes, only_requested_items),
     _case("upload-empty", Operation.EMPTY, "COUNT 0 has the effect of a clear", Section.UPLOAD, t.Trick, holds_nothing,
           like=("UploadMissionDoesComplainAboutNoItems",)),
     _case("upload-count-lost", _UP, _RESENT, Section.TIMEOUTS, lambda: t.Deaf((m.MissionCount,), 1),

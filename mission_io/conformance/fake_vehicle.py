@@ -167,18 +167,18 @@ class FakeVehicle:
         message = received.message
         sender = received.sender
         seq = _sets_current(message)
-        asked = message  # a command that sets the current item is as good as the message
+        requested = message  # a command that sets the current item is as good as the message
         if isinstance(message, m.CommandLong) and seq is not None:
-            asked = m.MissionSetCurrent(message.target_system, message.target_component, seq)
+            requested = m.MissionSetCurrent(message.target_system, message.target_component, seq)
         ours = m.is_for(message, system_id=self.address.system_id, component_id=self.address.component_id)
-        if isinstance(asked, _CLIENT_KINDS):
+        if isinstance(requested, _CLIENT_KINDS):
             if self._case is None and ours:
                 self._begin(message, sender, now)
             if self._evidence is not None and sender == self._evidence.station:
-                self._evidence.heard.append(HeardMessage(now, asked))
+                self._evidence.heard.append(HeardMessage(now, requested))
         if not ours:
             return
-        heard = not self._is_about_the_case(asked) or self._trick.hears(asked, now)
+        heard = not self._is_about_the_case(requested) or self._trick.hears(requested, now)
         if self._trick.forgets():
             self._forget_upload(now)
         if not heard:

@@ -90,7 +90,7 @@ class Probe:
     @property
     def late_s(self) -> float:
         """The longest expected delay of an answer on this link, from the slowest transfer so far."""
-        round_trip = self.client.patience.round_trip
+        round_trip = self.client.retry_limits.round_trip
         if round_trip is not None:
             self._late_s = max(self._late_s, min(PROBE.longest_late_s, round_trip.time_out_s))
         return self._late_s or PROBE.unmeasured_s
@@ -280,10 +280,10 @@ class Probe:
             said = self.quiet(PROBE.idle_s)
             if not said:
                 break
-            asked = [message for message in said if isinstance(message, REQUESTS)]
-            if not asked:
+            requested = [message for message in said if isinstance(message, REQUESTS)]
+            if not requested:
                 continue
-            last = asked[-1]
+            last = requested[-1]
             self.send(
                 self.ack(MissionResult.OPERATION_CANCELLED, last.mission_type),
                 as_other=last.target_system == self.other.system_id,

@@ -86,7 +86,7 @@ def _current(p: Probe, seq: int | None = None) -> m.MissionCurrent | None:
     return found if isinstance(found, m.MissionCurrent) else None
 
 
-def _asked_for_current(p: Probe) -> None:
+def _requested_current(p: Probe) -> None:
     """Some vehicles send MISSION_CURRENT only to those who want it."""
     interval = (float(message_id(m.MissionCurrent)), 500_000.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     p.send(m.CommandLong(*p.to, Command.SET_MESSAGE_INTERVAL, interval))
@@ -95,7 +95,7 @@ def _asked_for_current(p: Probe) -> None:
 def current_set(p: Probe) -> str:
     """MISSION_SET_CURRENT is followed by MISSION_CURRENT with that number."""
     p.hold_sample(_MISSION, 5)
-    _asked_for_current(p)
+    _requested_current(p)
     for seq in (2, 3):
         p.forget()
         p.send(m.MissionSetCurrent(*p.to, seq))
@@ -110,7 +110,7 @@ def current_set(p: Probe) -> str:
 def current_beyond(p: Probe) -> str:
     """An item that does not exist does not become the current one, and STATUSTEXT reports it."""
     p.hold_sample(_MISSION, 3)
-    _asked_for_current(p)
+    _requested_current(p)
     p.forget()
     p.send(m.MissionSetCurrent(*p.to, 900))
     texts: list[str] = []
@@ -128,7 +128,7 @@ def current_beyond(p: Probe) -> str:
 def streamed(p: Probe) -> str:
     """MISSION_CURRENT is sent without a request."""
     p.hold_sample(_MISSION, 3)
-    _asked_for_current(p)
+    _requested_current(p)
     current = _current(p)
     if current is None:
         raise FailedError("it sends no MISSION_CURRENT, even on request")
@@ -150,7 +150,7 @@ def ids_agree(p: Probe) -> str:
     answer = p.ask(m.MissionRequestList(*p.to, _MISSION), _MISSION, (m.MissionCount,))
     p.send(p.ack(MissionResult.ACCEPTED))
     in_count = answer.opaque_id if isinstance(answer, m.MissionCount) else 0
-    _asked_for_current(p)
+    _requested_current(p)
     p.forget()
     current = _current(p)
     in_current = 0 if current is None else current.mission_id
@@ -172,11 +172,11 @@ def ids_differ(p: Probe) -> str:
 
 def capabilities(p: Probe) -> str:
     """AUTOPILOT_VERSION names its lists, and that it takes integers."""
-    asked = (float(message_id(m.AutopilotVersion)), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    requested = (float(message_id(m.AutopilotVersion)), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     version = None
     for _ in range(3):
         p.forget()
-        p.send(m.CommandLong(*p.to, Command.REQUEST_MESSAGE, asked))
+        p.send(m.CommandLong(*p.to, Command.REQUEST_MESSAGE, requested))
         version = p.hear(lambda got: isinstance(got, m.AutopilotVersion), PROBE.answer_s)
         if version is not None:
             break
@@ -333,11 +333,11 @@ def strange_type(p: Probe) -> str:
     p.forget()
     p.send(p.count(2, PROBE.strange_type))
     said = p.quiet(2.0)
-    asked = [m for m in said if isinstance(m, REQUESTS)]
+    requested = [m for m in said if isinstance(m, REQUESTS)]
     check(
-        not asked,
+        not requested,
         f"COUNT of mission_type {PROBE.strange_type}: requested items of type "
-        f"{getattr(asked[0], 'mission_type', 0) if asked else 0}",
+        f"{getattr(requested[0], 'mission_type', 0) if requested else 0}",
     )
     p.check_held(_MISSION, old, f"the mission after COUNT of mission_type {PROBE.strange_type}")
     return f"answered with {described(said[0] if said else None)}"

@@ -25,7 +25,7 @@ from mission_io.formats.point_route import (
 )
 from mission_io.formats.text import (
     MissionFile,
-    check_place,
+    check_position,
     clean_text,
     degrees_text,
     finite_number,
@@ -207,8 +207,8 @@ def write_csv(mission: Mission) -> str:
     lines = [HEADER]
     if mission.home is not None:
         home = mission.home
-        place = ",".join(_text(value) for value in (home.lat_deg, home.lon_deg, home.alt_amsl_m))
-        lines.append(f"0,16,0,0.0,0.0,0.0,0.0,{place},AMSL,1")
+        position = ",".join(_text(value) for value in (home.lat_deg, home.lon_deg, home.alt_amsl_m))
+        lines.append(f"0,16,0,0.0,0.0,0.0,0.0,{position},AMSL,1")
     for number, item in enumerate(mission.items, start=1):
         values = ",".join(_text(value) for _, value in item.values())
         lines.append(
@@ -268,7 +268,7 @@ def _item(row: Mapping[str, str], where: str) -> MissionItem:
         finite_number(text, f"{where}, {name}") if text else math.nan for name, text in texts.items()
     )
     if frame is not Frame.COMMAND:
-        check_place(lat, lon, where)
+        check_position(lat, lon, where)
     autocontinue = row["autocontinue"].strip()
     if autocontinue not in ("0", "1"):
         raise FormatError(f"must be 0 or 1, not {autocontinue[:20]!r}", where=f"{where}, autocontinue")
@@ -321,33 +321,33 @@ def write_litchi(flight: CameraFlight) -> str:
             advice="split the mission",
         )
     for number, (a, b) in enumerate(pairwise(points), start=1):
-        places_m = (earth_centred_m(each.lat_deg, each.lon_deg, each.height_above_home_m) for each in (a, b))
-        _check("m to the next point", math.dist(*places_m), _APART_M, f"point {number}")
+        positions_m = (earth_centred_m(each.lat_deg, each.lon_deg, each.height_above_home_m) for each in (a, b))
+        _check("m to the next point", math.dist(*positions_m), _APART_M, f"point {number}")
     rows = [_row(number, points) for number in range(len(points))]
     return "\n".join([",".join(_LITCHI_COLUMNS), *rows]) + "\n"
 
 
 def _row(number: int, points: Sequence[CameraPoint]) -> str:
     point, where = points[number], f"point {number + 1}"
-    before = points[number - 1].picture_distance_m if number else None
-    begins = point.picture_distance_m is not None and point.picture_distance_m != before
-    pictures = point.pictures + begins  # where photos by distance begin, one is taken at once
+    before = points[number - 1].photo_distance_m if number else None
+    begins = point.photo_distance_m is not None and point.photo_distance_m != before
+    photos = point.photos + begins  # where photos by distance begin, one is taken at once
     pitch_deg = 0.0 if point.pitch_deg is None else point.pitch_deg
     _check("m above home", point.height_above_home_m, _HEIGHTS_M, where)
     _check("degrees of camera pitch", pitch_deg, _PITCHES_DEG, where)
     _check("m/s", point.speed_m_s, (0.1, 15.0), where)
-    if pictures > _ACTIONS:
-        raise FormatError(f"a point has {pictures} photos, but the limit of Litchi is {_ACTIONS}", where=where)
+    if photos > _ACTIONS:
+        raise FormatError(f"a point has {photos} photos, but the limit of Litchi is {_ACTIONS}", where=where)
     heading_deg = _course_deg(points, number) if point.heading_deg is None else point.heading_deg
-    distance_m = -1.0 if point.picture_distance_m is None else point.picture_distance_m
-    actions = [_TAKE_PHOTO] * pictures + [_NO_ACTION] * (_ACTIONS - pictures)
+    distance_m = -1.0 if point.photo_distance_m is None else point.photo_distance_m
+    actions = [_TAKE_PHOTO] * photos + [_NO_ACTION] * (_ACTIONS - photos)
     numbers = (
         point.height_above_home_m, heading_deg, 0.0, 0, 0 if point.pitch_deg is None else 2, pitch_deg,
         *(value for action in actions for value in (action, 0)),
         0, point.speed_m_s, 0.0, 0.0, 0.0, 0, -1.0, distance_m,
     )  # fmt: skip
-    place = (degrees_text(point.lat_deg, where), degrees_text(point.lon_deg, where))
-    return ",".join((*place, *(plain_decimal(value, where) for value in numbers)))
+    position = (degrees_text(point.lat_deg, where), degrees_text(point.lon_deg, where))
+    return ",".join((*position, *(plain_decimal(value, where) for value in numbers)))
 
 
 def _check(what: str, value: float, limits: tuple[float, float], where: str) -> None:
@@ -431,11 +431,11 @@ def _camera(fields: dict[str, str], where: str) -> StopCamera:
 
     pitch = number("gimbalpitchangle") if fields.get("gimbalmode", "").strip().startswith("2") else None
     heading: float | None = number("heading(deg)") if fields.get("heading(deg)") else None
-    pictures, hover_s = 0, 0.0
+    photos, hover_s = 0, 0.0
     for k in range(1, _ACTIONS + 1):
         kind, value = number(f"actiontype{k}"), number(f"actionparam{k}", "0")
         if kind == _TAKE_PHOTO:
-            pictures += 1
+            photos += 1
         elif kind == _STAY_FOR:
             hover_s += max(value, 0.0) / 1000.0
         elif kind == _ROTATE_AIRCRAFT:
@@ -444,6 +444,6 @@ def _camera(fields: dict[str, str], where: str) -> StopCamera:
             pitch = value
     distance, interval = number("photo_distinterval"), number("photo_timeinterval")
     return StopCamera(
-        pitch_deg=pitch, heading_deg=heading, pictures=pictures, distance_m=distance if distance > 0.0 else None,
+        pitch_deg=pitch, heading_deg=heading, photos=photos, distance_m=distance if distance > 0.0 else None,
         interval_s=interval if interval > 0.0 else None, hover_s=hover_s,
     )  # fmt: skip

@@ -14,10 +14,10 @@ from mission_io.formats.csv_tables import words_of
 from mission_io.formats.text import (
     MissionFile,
     Node,
-    check_place,
+    check_position,
     clean_text,
     finite_number,
-    is_place,
+    is_position,
     parse_json,
 )
 from mission_io.model.items import (
@@ -33,9 +33,9 @@ from mission_io.model.items import (
 )
 
 
-def place_of(lon_deg: float, lat_deg: float, where: str) -> LatLon:
+def position_of(lon_deg: float, lat_deg: float, where: str) -> LatLon:
     """A position of a format that writes the longitude first. Raises FormatError: it is none, with ``where``."""
-    if not is_place(lat_deg, lon_deg):
+    if not is_position(lat_deg, lon_deg):
         what = f"longitude {lon_deg:g}, latitude {lat_deg:g} is not a valid position"
         raise FormatError(what, where=where, advice="write longitude first")
     return LatLon(lat_deg, lon_deg)
@@ -203,16 +203,16 @@ def read_geojson(text: str) -> Drawing:
         elif kind in ("Polygon", "MultiPolygon"):
             for polygon in _one_or_many(node, kind):
                 before = len(repairs)
-                rings = [open_ring(_places(ring), ring.where, repairs) for ring in polygon.nodes()]
+                rings = [open_ring(_positions(ring), ring.where, repairs) for ring in polygon.nodes()]
                 unclosed += repairs[before:]
                 if not rings:
                     repairs.append(f"{polygon.where}: ignored an empty polygon")
                     continue
                 areas.append(DrawnArea(rings[0], tuple(rings[1:]), name))
         elif kind in ("LineString", "MultiLineString"):
-            lines += [DrawnLine(tuple(_places(line)), name) for line in _one_or_many(node, kind)]
+            lines += [DrawnLine(tuple(_positions(line)), name) for line in _one_or_many(node, kind)]
         elif kind in ("Point", "MultiPoint"):
-            spots += [Spot(_place(point), name) for point in _one_or_many(node, kind)]
+            spots += [Spot(_read_position(point), name) for point in _one_or_many(node, kind)]
         else:
             raise FormatError(f"{kind[:30]!r} is not a GeoJSON type", where=f"{node.where}.type")
     return Drawing(tuple(areas), tuple(lines), tuple(spots), tuple(repairs), tuple(unclosed))
@@ -229,34 +229,29 @@ def _one_or_many(node: Node, kind: str) -> list[Node]:
     return coordinates.nodes() if kind.startswith("Multi") else [coordinates]
 
 
-def _places(node: Node) -> list[LatLon]:
-    positions = node.value
-    if type(positions) is list:
-        places = [_plain_place(position) for position in positions]
-        if None not in places:
-            return [place for place in places if place is not None]
-    return [_place(position) for position in node.nodes()]
+def _positions(node: Node) -> list[LatLon]:
+    pairs = node.value
+    if type(pairs) is list:
+        positions = [_plain_position(pair) for pair in pairs]
+        if None not in positions:
+            return [position for position in positions if position is not None]
+    return [_read_position(pair) for pair in node.nodes()]
 
 
-def _plain_place(position: Any) -> LatLon | None:
+def _plain_position(pair: Any) -> LatLon | None:
     """The position, if it is valid; None leaves the error message to the careful reader."""
-    if (
-        type(position) is not list
-        or len(position) < 2
-        or type(position[0]) is not float
-        or type(position[1]) is not float
-    ):
+    if type(pair) is not list or len(pair) < 2 or type(pair[0]) is not float or type(pair[1]) is not float:
         return None
-    lon_deg, lat_deg = position[:2]
+    lon_deg, lat_deg = pair[:2]
     return LatLon(lat_deg, lon_deg) if -90.0 <= lat_deg <= 90.0 and -180.0 <= lon_deg <= 180.0 else None
 
 
-def _place(node: Node) -> LatLon:
+def _read_position(node: Node) -> LatLon:
     numbers = node.nodes()
     if len(numbers) < 2:
         raise FormatError(f"the position has {len(numbers)} numbers", where=node.where, advice="use longitude,latitude")
     lon_deg, lat_deg = numbers[0].number(), numbers[1].number()
-    return place_of(lon_deg, lat_deg, node.where)
+    return position_of(lon_deg, lat_deg, node.where)
 
 
 def _check_reference_system(node: Node) -> None:
@@ -281,8 +276,8 @@ def read_area_list(text: str) -> Drawing:
     Raises:
         FormatError: with the line, for an invalid position, and for fewer than three corners.
     """
-    places, repairs = _listed_places(text)
-    ring = open_ring(places, "the area", repairs)
+    positions, repairs = _listed_positions(text)
+    ring = open_ring(positions, "the area", repairs)
     return Drawing((DrawnArea(ring),), repairs=tuple(repairs))
 
 
@@ -295,11 +290,11 @@ def read_fence_list(text: str) -> MissionFile:
     Raises:
         FormatError: with the line, for an invalid position, and for fewer than a return point and three corners.
     """
-    places, repairs = _listed_places(text)
-    if not places:
+    positions, repairs = _listed_positions(text)
+    if not positions:
         raise FormatError("the file contains no positions", where="line 1", advice="begin with the return point")
-    ring = open_ring(places[1:], "the fence", repairs)
-    return_point = FramedPoint(places[0].lat_deg, places[0].lon_deg, 0.0, Frame.ABOVE_HOME)
+    ring = open_ring(positions[1:], "the fence", repairs)
+    return_point = FramedPoint(positions[0].lat_deg, positions[0].lon_deg, 0.0, Frame.ABOVE_HOME)
     return MissionFile(fence=Fence((FencePolygon(ring),), (), return_point), repairs=tuple(repairs))
 
 
@@ -311,10 +306,10 @@ def _contents(text: str) -> Iterator[tuple[str, str]]:
             yield f"line {number}", content
 
 
-def _listed_places(text: str) -> tuple[list[LatLon], list[str]]:
+def _listed_positions(text: str) -> tuple[list[LatLon], list[str]]:
     clean = clean_text(text)
     repairs = list(clean.repairs)
-    places: list[LatLon] = []
+    positions: list[LatLon] = []
     for where, content in _contents(clean.text):
         try:
             found = words_of(content, 2)
@@ -323,9 +318,9 @@ def _listed_places(text: str) -> tuple[list[LatLon], list[str]]:
         if found.changed:
             repairs.append(f"{where}: {found.changed}{' to spaces' if found.has_other_separators else ''}")
         lat_deg, lon_deg = (finite_number(word, where) for word in found.words)
-        check_place(lat_deg, lon_deg, where)
-        places.append(LatLon(lat_deg, lon_deg))
-    return places, repairs
+        check_position(lat_deg, lon_deg, where)
+        positions.append(LatLon(lat_deg, lon_deg))
+    return positions, repairs
 
 
 _RALLY_ADVICE = "a rally point must consist of RALLY and 6 numbers"
@@ -354,7 +349,7 @@ def read_rally_list(text: str) -> MissionFile:
         if found.changed:
             repairs.append(f"{where}: {found.changed}")
         lat_deg, lon_deg, alt_m, *dropped = (finite_number(column, where) for column in columns)
-        check_place(lat_deg, lon_deg, where)
+        check_position(lat_deg, lon_deg, where)
         if any(dropped):
             repairs.append(f"{where}: break altitude, landing direction and flags were dropped")
         points.append(FramedPoint(lat_deg, lon_deg, alt_m, Frame.ABOVE_HOME))

@@ -162,7 +162,7 @@ def _read_waypoints(text: str, mission_type: MissionType | None) -> MissionFile:
     return MissionFile(read.mission(), repairs=read.repairs)
 
 
-def _read_places(text: str, _: MissionType | None) -> MissionFile:
+def _read_positions(text: str, _: MissionType | None) -> MissionFile:
     read = read_fence_list(text)
     return replace(read, repairs=("read as an old fence file: the first position is the return point", *read.repairs))
 
@@ -175,7 +175,7 @@ _READERS: Final[Mapping[str, _Reader]] = MappingProxyType(
 _FIRST_LINES: Final[tuple[tuple[re.Pattern[str], _Reader, str], ...]] = (
     (re.compile(r"QGC\s+WPL\b", re.IGNORECASE), _read_waypoints, ".waypoints"),
     (re.compile(r"RALLY\s"), lambda text, _: read_rally_list(text), ""),
-    (re.compile(r"[-+]?[0-9.]+[ \t,;]+[-+]?[0-9.]+[ \t]*(#.*)?$"), _read_places, ".fen"),
+    (re.compile(r"[-+]?[0-9.]+[ \t,;]+[-+]?[0-9.]+[ \t]*(#.*)?$"), _read_positions, ".fen"),
 )
 """What a first line looks like, its reader, and the suffix that such files should have, if there is one."""
 _PLAN = re.compile(r'"fileType"\s*:\s*"Plan"')

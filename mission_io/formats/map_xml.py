@@ -15,12 +15,12 @@ from mission_io.formats.drawings import (
     Spot,
     alt_amsl_m,
     open_ring,
-    place_of,
+    position_of,
     route_of,
 )
 from mission_io.formats.point_route import PointRoute, RouteStop, route_from_stops
 from mission_io.formats.text import (
-    check_place,
+    check_position,
     child_text,
     clean_text,
     degrees_text,
@@ -124,7 +124,7 @@ class _DrawingReader:
         name = self._path.pop()
         parent = self._path[-1] if self._path else ""
         if name == "coordinates" and self._kept is not None:
-            self._points = self._places("".join(self._kept)) if parent in _GEOMETRIES else []
+            self._points = self._positions("".join(self._kept)) if parent in _GEOMETRIES else []
             self._kept = None
         elif name == "name" and self._kept is not None:
             self._end_name(parent, "".join(self._kept).strip())
@@ -176,24 +176,23 @@ class _DrawingReader:
             self._exterior = ring
         elif boundary == "outerBoundaryIs":
             raise FormatError(
-                "the polygon has a second outer boundary",
-                where=self._where(),
+                "the polygon has a second outer boundary", where=self._where(),
                 advice="save the second part as a separate polygon",
-            )
+            )  # fmt: skip
         else:
             self._add_area(DrawnArea(ring))
 
-    def _places(self, text: str) -> list[LatLon]:
+    def _positions(self, text: str) -> list[LatLon]:
         where = self._where()
-        places: list[LatLon] = []
+        positions: list[LatLon] = []
         for number, entry in enumerate(self._entries(text, where)):
             numbers = entry.split(",")
             here = f"{where}, coordinate {number}"
             if len(numbers) not in (2, 3, _WITH_TIME):
                 raise FormatError(f"{entry[:40]!r} is not longitude,latitude or longitude,latitude,height", where=here)
             lon_deg, lat_deg = finite_number(numbers[0], here), finite_number(numbers[1], here)
-            places.append(place_of(lon_deg, lat_deg, here))
-        return places
+            positions.append(position_of(lon_deg, lat_deg, here))
+        return positions
 
     def _entries(self, text: str, where: str) -> list[str]:
         """The text of each position. Space around commas belongs to a position if that makes positions of two or three numbers.
@@ -286,18 +285,18 @@ def write_gpx(mission: Mission, *, name: str = "mission") -> str:
     points = []
     for point in route_of(mission):
         item, kind = point.item, _KINDS.get(Command(point.item.command), "waypoint")
-        place = GeoPoint(item.lat_deg, item.lon_deg, alt_amsl_m(point, mission))
-        points.append(_point(place, str(point.number), kind))
+        position = GeoPoint(item.lat_deg, item.lon_deg, alt_amsl_m(point, mission))
+        points.append(_point(position, str(point.number), kind))
     return rendered("route.gpx.jinja", name=name, home=home, points=points)
 
 
-def _point(place: GeoPoint, name: str, kind: str) -> dict[str, str]:
+def _point(position: GeoPoint, name: str, kind: str) -> dict[str, str]:
     where = "home" if name == "home" else f"item {name}"
-    check_place(place.lat_deg, place.lon_deg, where)
-    lat, lon = degrees_text(place.lat_deg, where), degrees_text(place.lon_deg, where)
+    check_position(position.lat_deg, position.lon_deg, where)
+    lat, lon = degrees_text(position.lat_deg, where), degrees_text(position.lon_deg, where)
     if float(lon) >= 180.0:
         lon = degrees_text(-180.0, where)  # the same meridian
-    ele = plain_decimal(place.alt_amsl_m, where)
+    ele = plain_decimal(position.alt_amsl_m, where)
     return {"lat": lat, "lon": lon, "ele": ele, "name": name, "kind": kind}
 
 

@@ -372,8 +372,8 @@ def _mission_of_version_1(root: Node, repairs: list[str]) -> Mission:
 
 def _home(node: Node, repairs: list[str]) -> GeoPoint | None:
     extras: dict[str, Mapping[str, Any]] = {}
-    place = node.get("coordinate") if isinstance(node.value, Mapping) else node
-    return read_home(place, repairs, extras)
+    position = node.get("coordinate") if isinstance(node.value, Mapping) else node
+    return read_home(position, repairs, extras)
 
 
 def _item(node: Node) -> MissionItem:

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from mission_io.autopilots.comparison import has_no_place
+from mission_io.autopilots.comparison import has_no_position
 from mission_io.errors import FormatError
 from mission_io.formats.text import Node
 from mission_io.model.items import (
@@ -194,7 +194,7 @@ def read_simple(node: Node) -> MissionItem:
     except FormatError as error:
         raise FormatError(error.what, where=frame_node.where, advice=error.advice) from None
     if lat != lat or lon != lon or alt != alt:
-        if frame is not Frame.COMMAND and not has_no_place(command):
+        if frame is not Frame.COMMAND and not has_no_position(command):
             raise FormatError("latitude, longitude and height are required", where=f"{node.where}.params")
         lat, lon, alt = (0.0 if math.isnan(value) else value for value in (lat, lon, alt))
     autocontinue = node.optional("autoContinue", Node.truth, default=True)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mission_io.errors import FormatError
-from mission_io.formats.text import check_place, is_place
+from mission_io.formats.text import check_position, is_position
 from mission_io.model.actions import (
     Action,
     ChangeSpeed,
@@ -47,7 +47,7 @@ class StopCamera:
 
     pitch_deg: float | None = None  # of the camera from there on, -90 is straight down; None: as before
     heading_deg: float | None = None  # of the aircraft's nose on the leg after it; None: along the leg
-    pictures: int = 0  # how many are taken there
+    photos: int = 0  # how many are taken there
     distance_m: float | None = None  # between photos from there on; None: none by distance
     interval_s: float | None = None  # the same by time
     hover_s: float = 0.0  # how long it stays
@@ -73,7 +73,7 @@ def items_at_stop(before: StopCamera, here: StopCamera, course_deg: float | None
         off_deg = math.remainder(here.heading_deg - course_deg, 360.0)
         if abs(off_deg) > 1.0:
             found.append(item_of(Turn(heading_deg=here.heading_deg % 360.0)))
-    found += [item_of(StartPictures(count=1))] * min(here.pictures, 1000)
+    found += [item_of(StartPictures(count=1))] * min(here.photos, 1000)
     if here.distance_m != before.distance_m:
         found.append(item_of(TriggerEvery(distance_m=here.distance_m or 0.0)))
     if here.interval_s != before.interval_s:
@@ -146,7 +146,7 @@ def route_from_stops(
     if not stops:
         raise FormatError("the route has no points", where="route", advice="use a route with at least one point")
     for number, stop in enumerate(stops, start=1):
-        check_place(stop.lat_deg, stop.lon_deg, f"point {number}")
+        check_position(stop.lat_deg, stop.lon_deg, f"point {number}")
         if not _LOWEST_M <= stop.alt_m <= _HIGHEST_M:
             raise FormatError(
                 f"the height is {stop.alt_m:g} m", where=f"point {number}", advice="use a finite height in metres"
@@ -164,8 +164,8 @@ def route_from_stops(
         items.append(waypoint(stop.lat_deg, stop.lon_deg, stop.alt_m, frame=stop.frame))
         numbers.append(len(items))
         after = stops[number + 1] if number + 1 < len(stops) else None
-        way = None if after is None else course_deg((stop.lat_deg, after.lat_deg), (stop.lon_deg, after.lon_deg))
-        items += items_at_stop(before, stop.camera, way)
+        course = None if after is None else course_deg((stop.lat_deg, after.lat_deg), (stop.lon_deg, after.lon_deg))
+        items += items_at_stop(before, stop.camera, course)
         pitch_deg = before.pitch_deg if stop.camera.pitch_deg is None else stop.camera.pitch_deg
         before = dataclasses.replace(stop.camera, pitch_deg=pitch_deg)
         if len(speeds) > 1 and stop.speed_m_s in speeds and stop.speed_m_s != speed_m_s:
@@ -188,7 +188,7 @@ _YAW_LOCK = 16
 """GIMBAL_MANAGER_FLAGS: yaw is a heading, not an angle relative to the vehicle's nose."""
 _STRAIGHT_UP_M = 1.0
 """Take-off and landing this near to the point above them are vertical."""
-_SAME_PLACE_DEG, _SAME_HEIGHT_M = 1e-9, 1e-4
+_SAME_POSITION_DEG, _SAME_HEIGHT_M = 1e-9, 1e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,8 +201,8 @@ class CameraPoint:
     speed_m_s: float  # over ground, from there on
     heading_deg: float | None = None  # heading held from there on, clockwise from north; None: along the legs
     pitch_deg: float | None = None  # pitch of the camera from there on, -90 is straight down; None: not stated
-    pictures: int = 0  # how many photos are taken there
-    picture_distance_m: float | None = None  # trigger distance over ground in metres from there on; None: no trigger
+    photos: int = 0  # how many photos are taken there
+    photo_distance_m: float | None = None  # trigger distance over ground in metres from there on; None: no trigger
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,7 +227,7 @@ def camera_flight(mission: Mission, *, pitch_deg: float | None = None) -> Camera
     home = mission.home
     if home is None:
         raise FormatError("the mission has no home", where="home", advice="specify the start position")
-    if not is_place(home.lat_deg, home.lon_deg) or not math.isfinite(home.alt_amsl_m):
+    if not is_position(home.lat_deg, home.lon_deg) or not math.isfinite(home.alt_amsl_m):
         raise FormatError("home is not a valid position", where="home", advice="specify the start position")
     reader = _Reader(home, pitch_deg)
     for number, item in enumerate(mission.items, start=1):
@@ -272,7 +272,7 @@ class _Reader:
             case TriggerEvery():
                 self._trigger(action, where)
             case TakePicture() | StartPictures():
-                self._picture(action, where)
+                self._photo(action, where)
             case _:
                 what = f"{type(action).__name__} (command {int(action.COMMAND)}) cannot be written as a list of points"
                 raise FormatError(what, where=where)
@@ -290,8 +290,8 @@ class _Reader:
     def _takeoff(self, action: Takeoff, where: str) -> None:
         if self._points:
             raise FormatError("this take-off comes in flight", where=where)
-        self._require_near(action.place, self._home.lat_deg, self._home.lon_deg, where, "the take-off is", "home")
-        self._add(action.place, where)
+        self._require_near(action.position, self._home.lat_deg, self._home.lon_deg, where, "the take-off is", "home")
+        self._add(action.position, where)
 
     def _waypoint(self, action: Waypoint, where: str) -> None:
         if not self._points:
@@ -301,35 +301,37 @@ class _Reader:
         if action.heading_deg is not None and not math.isfinite(action.heading_deg):
             raise FormatError("the heading is not a valid number", where=where)
         self._own_heading_deg = None if action.heading_deg is None else action.heading_deg % 360.0
-        self._add(action.place, where)
+        self._add(action.position, where)
 
     def _land(self, action: Land, where: str) -> None:
         if not self._points:
             raise FormatError("the mission does not begin with a take-off", where=where, advice="take off at home")
         last = self._points[-1]
-        self._require_near(action.place, last.lat_deg, last.lon_deg, where, "the landing is", "the point before it")
-        self._require_near(action.place, self._home.lat_deg, self._home.lon_deg, where, "the landing is", "home")
+        self._require_near(action.position, last.lat_deg, last.lon_deg, where, "the landing is", "the point before it")
+        self._require_near(action.position, self._home.lat_deg, self._home.lon_deg, where, "the landing is", "home")
         self.landed = True
 
-    def _require_near(self, place: FramedPoint, lat_deg: float, lon_deg: float, where: str, what: str, of: str) -> None:
-        check_place(place.lat_deg, place.lon_deg, where)
-        if not ground_distance_m(place.lat_deg, place.lon_deg, lat_deg, lon_deg) <= _STRAIGHT_UP_M:
+    def _require_near(
+        self, position: FramedPoint, lat_deg: float, lon_deg: float, where: str, what: str, of: str
+    ) -> None:
+        check_position(position.lat_deg, position.lon_deg, where)
+        if not ground_distance_m(position.lat_deg, position.lon_deg, lat_deg, lon_deg) <= _STRAIGHT_UP_M:
             raise FormatError(f"{what} more than {_STRAIGHT_UP_M:g} m from {of}", where=where)
 
-    def _add(self, place: FramedPoint, where: str) -> None:
-        check_place(place.lat_deg, place.lon_deg, where)
-        if place.frame is Frame.ABOVE_TERRAIN:
+    def _add(self, position: FramedPoint, where: str) -> None:
+        check_position(position.lat_deg, position.lon_deg, where)
+        if position.frame is Frame.ABOVE_TERRAIN:
             raise FormatError("its height is above the terrain, which this conversion does not know", where=where)
-        height_m = place.alt_m - (self._home.alt_amsl_m if place.frame is Frame.AMSL else 0.0)
+        height_m = position.alt_m - (self._home.alt_amsl_m if position.frame is Frame.AMSL else 0.0)
         if not math.isfinite(height_m):
             raise FormatError("its height is not a finite number", where=where)
         last = self._points[-1] if self._points else None
         if last is None or not (
-            abs(last.lat_deg - place.lat_deg) <= _SAME_PLACE_DEG
-            and abs(last.lon_deg - place.lon_deg) <= _SAME_PLACE_DEG
+            abs(last.lat_deg - position.lat_deg) <= _SAME_POSITION_DEG
+            and abs(last.lon_deg - position.lon_deg) <= _SAME_POSITION_DEG
             and abs(last.height_above_home_m - height_m) <= _SAME_HEIGHT_M
         ):
-            self._points.append(CameraPoint(place.lat_deg, place.lon_deg, height_m, self._speed_m_s))
+            self._points.append(CameraPoint(position.lat_deg, position.lon_deg, height_m, self._speed_m_s))
 
     def _point_camera(self, action: PointMount | PointGimbal, where: str) -> None:
         if isinstance(action, PointMount):
@@ -352,7 +354,7 @@ class _Reader:
             raise FormatError("the distance-based trigger does not start immediately", where=where)
         self._distance_m = action.distance_m or None
 
-    def _picture(self, action: TakePicture | StartPictures, where: str) -> None:
+    def _photo(self, action: TakePicture | StartPictures, where: str) -> None:
         plain = (
             action == TakePicture()
             if isinstance(action, TakePicture)
@@ -363,7 +365,7 @@ class _Reader:
         if not self._points:
             raise FormatError("this photo comes before take-off", where=where)
         last = self._points[-1]
-        self._points[-1] = dataclasses.replace(last, pictures=last.pictures + 1)
+        self._points[-1] = dataclasses.replace(last, photos=last.photos + 1)
 
     def _hold_from_here(self) -> None:
         own, camera = self._own_heading_deg, self._camera_heading_deg
@@ -373,5 +375,5 @@ class _Reader:
                 speed_m_s=self._speed_m_s,
                 heading_deg=camera if own is None else own,
                 pitch_deg=self._pitch_deg,
-                picture_distance_m=self._distance_m,
+                photo_distance_m=self._distance_m,
             )

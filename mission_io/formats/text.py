@@ -158,14 +158,14 @@ def finite_number(text: str, where: str) -> float:
     return value
 
 
-def is_place(lat_deg: float, lon_deg: float) -> bool:
+def is_position(lat_deg: float, lon_deg: float) -> bool:
     """Whether these are a latitude and a longitude."""
     return -90.0 <= lat_deg <= 90.0 and -180.0 <= lon_deg <= 180.0
 
 
-def check_place(lat_deg: float, lon_deg: float, where: str) -> None:
+def check_position(lat_deg: float, lon_deg: float, where: str) -> None:
     """Refuse an invalid latitude or longitude. Raises FormatError: with ``where``."""
-    if not is_place(lat_deg, lon_deg):
+    if not is_position(lat_deg, lon_deg):
         advice = "write latitude first" if abs(lon_deg) <= 90.0 and abs(lat_deg) <= 180.0 else ""
         what = f"latitude {lat_deg:g}, longitude {lon_deg:g} is not a valid position"
         raise FormatError(what, where=where, advice=advice)

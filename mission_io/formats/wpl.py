@@ -14,11 +14,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from mission_io.autopilots.comparison import Meaning, has_no_place, meaning_of, number_for_nan
+from mission_io.autopilots.comparison import Meaning, has_no_position, meaning_of, number_for_nan
 from mission_io.autopilots.mission_lists import home_item, jumps_moved
 from mission_io.errors import FormatError
 from mission_io.formats.csv_tables import words_of
-from mission_io.formats.text import check_place, clean_text, degrees_text, doubts_about, finite_number, plain_decimal
+from mission_io.formats.text import check_position, clean_text, degrees_text, doubts_about, finite_number, plain_decimal
 from mission_io.model.items import (
     NOT_STEPS,
     Command,
@@ -159,7 +159,7 @@ def _without_free_values(item: MissionItem) -> tuple[float, float, float, float]
 
 
 def _row_text(number: int, item: MissionItem) -> str:
-    place = degrees_text if item.has_position else plain_decimal
+    position = degrees_text if item.has_position else plain_decimal
     params = item.params
     if any(map(math.isnan, params)):
         params = _without_free_values(item)
@@ -170,8 +170,8 @@ def _row_text(number: int, item: MissionItem) -> str:
             str(int(item.frame)),
             str(int(item.command)),
             *map(plain_decimal, params, _PARAM_NAMES),
-            place(item.lat_deg, "latitude" if item.has_position else "param5"),
-            place(item.lon_deg, "longitude" if item.has_position else "param6"),
+            position(item.lat_deg, "latitude" if item.has_position else "param5"),
+            position(item.lon_deg, "longitude" if item.has_position else "param6"),
             plain_decimal(item.alt_m, "altitude"),
             "1" if item.autocontinue else "0",
         )
@@ -278,7 +278,7 @@ class _Row:
             repairs.append(f"line {self.number}: changed frame {frame_number} to {int(frame)}")
         p1, p2, p3, p4, lat, lon, alt = self._numbers(command, repairs)
         if frame is not Frame.COMMAND:
-            check_place(lat, lon, f"line {self.number}")
+            check_position(lat, lon, f"line {self.number}")
         return MissionItem(command, frame, (p1, p2, p3, p4), lat, lon, alt, bool(self._whole(11, repairs)))
 
     def _split(self, repairs: list[str]) -> list[str]:
@@ -314,7 +314,7 @@ class _Row:
     def _number_or_nan(self, column: int, command: int, repairs: list[str]) -> float:
         """A number; NaN as a parameter stays NaN, and is 0 as the position of a command that has none."""
         text = self._columns[column]
-        if _NAN_PATTERN.fullmatch(text) is None or (column > 7 and not has_no_place(command)):
+        if _NAN_PATTERN.fullmatch(text) is None or (column > 7 and not has_no_position(command)):
             return self._number(column)
         repairs.append(f"line {self.number}: {_NAMES[column]} {text[:12]!r} is not a number; the vehicle chooses it")
         return math.nan if column <= 7 else 0.0

@@ -164,7 +164,7 @@ def _apply(group: _Group, first: int, last: int, cameras: list[StopCamera], wher
                     cameras[k] = dataclasses.replace(cameras[k], interval_s=group.every)
         return
     camera = cameras[first]
-    camera = dataclasses.replace(camera, pictures=camera.pictures + photos)
+    camera = dataclasses.replace(camera, photos=camera.photos + photos)
     for name, parameters in group.deeds:
         if name in ("gimbalRotate", "gimbalEvenlyRotate", "orientedShoot"):
             turns = parameters.get("gimbalPitchRotateEnable", "1") != "0"
@@ -313,24 +313,24 @@ def _action_groups(flight: CameraFlight) -> list[list[_ActionGroup]]:
     for index, point in enumerate(flight.points):
         turns = point.pitch_deg is not None and point.pitch_deg != pitch_deg
         pitch_deg = point.pitch_deg if turns else pitch_deg
-        begins = point.picture_distance_m is not None and point.picture_distance_m != distance_m
-        pictures = point.pictures + begins  # where photos by distance begin, one is taken at once
-        actions = [_Action(pitch_deg)] * turns + [_Action(suffix=f"point{index + 1}")] * pictures
+        begins = point.photo_distance_m is not None and point.photo_distance_m != distance_m
+        photos = point.photos + begins  # where photos by distance begin, one is taken at once
+        actions = [_Action(pitch_deg)] * turns + [_Action(suffix=f"point{index + 1}")] * photos
         if actions:
             found[index].append(_ActionGroup(number, index, index, actions))
             number += 1
         if begins:
             actions = [_Action(suffix="distance")]
             last = _last_of_stretch(flight, index)
-            found[index].append(_ActionGroup(number, index, last, actions, point.picture_distance_m))
+            found[index].append(_ActionGroup(number, index, last, actions, point.photo_distance_m))
             number += 1
-        distance_m = point.picture_distance_m
+        distance_m = point.photo_distance_m
     return found
 
 
 def _last_of_stretch(flight: CameraFlight, first: int) -> int:
     """The point at which photos at the distance of point ``first`` end."""
     for index in range(first + 1, len(flight.points)):
-        if flight.points[index].picture_distance_m != flight.points[first].picture_distance_m:
+        if flight.points[index].photo_distance_m != flight.points[first].photo_distance_m:
             return index
     return len(flight.points) - 1

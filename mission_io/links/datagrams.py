@@ -134,7 +134,7 @@ MOST_PEERS: Final = 16
 TAKE_OVER_S: Final = 3.0
 """Silence of its address after which a kept vehicle may speak from another one (it was switched off and on)."""
 
-Place = tuple[str, int]
+Endpoint = tuple[str, int]
 """Host and port."""
 
 _HEARTBEAT = 0
@@ -143,7 +143,7 @@ _MOST_SENDERS = 256
 _log = logging.getLogger(__name__)
 
 
-class Places:
+class Endpoints:
     """The addresses that a listening port hears, until ``keep_to`` chooses the one of a vehicle.
 
     Attributes:
@@ -152,43 +152,43 @@ class Places:
     """
 
     def __init__(self) -> None:
-        self.latest: Place | None = None
+        self.latest: Endpoint | None = None
         self.strangers = 0
-        self._heard_s: dict[Place, float] = {}
-        self._place_of: dict[tuple[int, int], Place] = {}
+        self._heard_s: dict[Endpoint, float] = {}
+        self._endpoint_of: dict[tuple[int, int], Endpoint] = {}
         self._kept: tuple[int, int] | None = None
-        self._chosen: Place | None = None
-        self._twins: set[Place] = set()  # where the kept vehicle's ids were heard while it spoke itself
+        self._chosen: Endpoint | None = None
+        self._twins: set[Endpoint] = set()  # where the kept vehicle's ids were heard while it spoke itself
         self._kept_heard_s = 0.0
 
-    def hears(self, data: bytes, place: Place, now: float) -> bool:
+    def hears(self, data: bytes, endpoint: Endpoint, now: float) -> bool:
         """Note the sender's address of a datagram; whether it is for us."""
-        if self._kept is not None and place != self.latest:
-            is_early = now - self._kept_heard_s <= TAKE_OVER_S and place != self._chosen
+        if self._kept is not None and endpoint != self.latest:
+            is_early = now - self._kept_heard_s <= TAKE_OVER_S and endpoint != self._chosen
             is_same = self._kept in _heartbeats_in(data)
-            if is_early or not is_same or place in self._twins:
+            if is_early or not is_same or endpoint in self._twins:
                 self.strangers += 1
-                if is_same and place not in self._twins and len(self._twins) < MOST_PEERS:
-                    self._twins.add(place)
-                    _log.warning("system %d also sends from %s:%d, which is ignored", self._kept[0], *place)
+                if is_same and endpoint not in self._twins and len(self._twins) < MOST_PEERS:
+                    self._twins.add(endpoint)
+                    _log.warning("system %d also sends from %s:%d, which is ignored", self._kept[0], *endpoint)
                 return False
-            _log.warning("system %d now sends from %s:%d", self._kept[0], *place)
-        self.latest, self._kept_heard_s = place, now
-        self._heard_s.pop(place, None)
-        self._heard_s[place] = now
+            _log.warning("system %d now sends from %s:%d", self._kept[0], *endpoint)
+        self.latest, self._kept_heard_s = endpoint, now
+        self._heard_s.pop(endpoint, None)
+        self._heard_s[endpoint] = now
         if self._kept is None:
             for sender in _heartbeats_in(data):
-                if len(self._place_of) < _MOST_SENDERS:
-                    self._place_of.setdefault(sender, place)
+                if len(self._endpoint_of) < _MOST_SENDERS:
+                    self._endpoint_of.setdefault(sender, endpoint)
         return True
 
-    def to_send_to(self, now: float) -> tuple[Place, ...]:
+    def to_send_to(self, now: float) -> tuple[Endpoint, ...]:
         """The address that is kept to, or all recently heard ones."""
         if self._kept is not None:
             return () if self.latest is None else (self.latest,)
-        for place, heard_s in list(self._heard_s.items())[:-1]:
+        for endpoint, heard_s in list(self._heard_s.items())[:-1]:
             if now - heard_s > FORGOTTEN_AFTER_S or len(self._heard_s) > MOST_PEERS:
-                del self._heard_s[place]
+                del self._heard_s[endpoint]
         return tuple(self._heard_s)
 
     def keep_to(self, system_id: int, component_id: int, now: float) -> None:
@@ -197,16 +197,16 @@ class Places:
         When nothing came from there for ``TAKE_OVER_S`` seconds, a heartbeat of the same sender from a place that was silent
         before moves it; the next one from here, where the other was another vehicle, moves it back at once.
         """
-        place = self._place_of.get((system_id, component_id))
-        if place is None:
+        endpoint = self._endpoint_of.get((system_id, component_id))
+        if endpoint is None:
             return
-        self._kept, self.latest, self._kept_heard_s = (system_id, component_id), place, now
-        self._chosen = place
+        self._kept, self.latest, self._kept_heard_s = (system_id, component_id), endpoint, now
+        self._chosen = endpoint
 
     def let_go(self) -> None:
         """Hear everybody again, and learn anew where each speaks from."""
         self._kept = None
-        self._place_of.clear()
+        self._endpoint_of.clear()
 
 
 def _heartbeats_in(data: bytes) -> set[tuple[int, int]]:
@@ -226,10 +226,10 @@ class UdpLink(Closing):
     that the vehicle speaks from. Datagrams of others to the port are dropped, and nothing is sent to them.
     """
 
-    def __init__(self, sock: socket.socket, peer: Place | None, *, clock: Clock | None = None) -> None:
+    def __init__(self, sock: socket.socket, peer: Endpoint | None, *, clock: Clock | None = None) -> None:
         self._socket, self._peer = sock, peer
         self._clock = clock if clock is not None else MonotonicClock()
-        self._places = Places()
+        self._endpoints = Endpoints()
         sock.setblocking(False)
 
     @classmethod
@@ -270,19 +270,19 @@ class UdpLink(Closing):
         return self._peer is None
 
     @property
-    def peer(self) -> Place | None:
+    def peer(self) -> Endpoint | None:
         """Host and port of the other end, the one heard last if there are several; None before that."""
-        return self._places.latest if self._peer is None else self._peer
+        return self._endpoints.latest if self._peer is None else self._peer
 
     @property
-    def peers(self) -> tuple[Place, ...]:
+    def peers(self) -> tuple[Endpoint, ...]:
         """Where a datagram would be sent to now."""
-        return self._places.to_send_to(self._clock.now()) if self._peer is None else (self._peer,)
+        return self._endpoints.to_send_to(self._clock.now()) if self._peer is None else (self._peer,)
 
     @property
     def strangers(self) -> int:
         """Number of datagrams from other addresses than the one that is kept to."""
-        return self._places.strangers
+        return self._endpoints.strangers
 
     def send(self, data: bytes) -> None:
         """Send one datagram to the peers.
@@ -293,7 +293,7 @@ class UdpLink(Closing):
         for peer in self.peers:
             self.send_to(peer, data)
 
-    def send_to(self, place: Place, data: bytes) -> None:
+    def send_to(self, endpoint: Endpoint, data: bytes) -> None:
         """Send one datagram to an address; a connecting link knows only one.
 
         Raises:
@@ -301,7 +301,7 @@ class UdpLink(Closing):
         """
         try:
             if self._peer is None:
-                self._socket.sendto(data, place)
+                self._socket.sendto(data, endpoint)
                 return
             try:
                 self._socket.send(data)
@@ -310,7 +310,7 @@ class UdpLink(Closing):
         except (ConnectionRefusedError, BlockingIOError):
             return  # no listener yet, or the send buffer is full: lost, like any datagram
         except OSError as error:
-            raise LinkError(f"cannot send to {place[0]}:{place[1]}: {error}") from None
+            raise LinkError(f"cannot send to {endpoint[0]}:{endpoint[1]}: {error}") from None
 
     def keep_to(self, system_id: int, component_id: int) -> None:
         """From here on talk only to the address of this sender's frames; a connecting link always does.
@@ -319,22 +319,22 @@ class UdpLink(Closing):
         ``TAKE_OVER_S`` seconds, a heartbeat of the same sender from another place moves the link there.
         """
         if self._peer is None:
-            self._places.keep_to(system_id, component_id, self._clock.now())
+            self._endpoints.keep_to(system_id, component_id, self._clock.now())
 
     def let_go(self) -> None:
         """Hear everybody again, and learn anew where each speaks from."""
-        self._places.let_go()
+        self._endpoints.let_go()
 
     def receive(self, timeout_s: float) -> bytes | None:
         """The next datagram, or None after ``timeout_s`` seconds."""
         deadline = self._clock.now() + timeout_s
         while (arrived := self.receive_from(deadline - self._clock.now())) is not None:
-            data, place = arrived
-            if self._peer is not None or self._places.hears(data, place, self._clock.now()):
+            data, endpoint = arrived
+            if self._peer is not None or self._endpoints.hears(data, endpoint, self._clock.now()):
                 return data
         return None
 
-    def receive_from(self, timeout_s: float) -> tuple[bytes, Place] | None:
+    def receive_from(self, timeout_s: float) -> tuple[bytes, Endpoint] | None:
         """The next datagram from any address, with that address, or None after ``timeout_s`` seconds.
 
         Raises:

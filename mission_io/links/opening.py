@@ -26,10 +26,10 @@ from mission_io.links.datagrams import (
     DEFAULT_HOST,
     Clock,
     Closing,
+    Endpoint,
+    Endpoints,
     Link,
     MonotonicClock,
-    Place,
-    Places,
     UdpLink,
     WrappingLink,
     framing_of,
@@ -152,11 +152,11 @@ class SharedLink:
         self._lock = threading.Condition()
         self._sending = threading.Lock()
         self._link: Link | None = None
-        self._shares: dict[int, LinkShare] = {}
+        self._views: dict[int, LinkView] = {}
         self._reading = False
         self._error: LinkError | None = None
 
-    def share(self, system_id: int) -> "LinkShare":
+    def view(self, system_id: int) -> "LinkView":
         """A link to one of the vehicles.
 
         Raises:
@@ -169,36 +169,36 @@ class SharedLink:
                     f"system {system_id} has no share of this link; the systems with a share are "
                     f"{sorted(self._systems)}"
                 )
-            if system_id in self._shares:
+            if system_id in self._views:
                 raise MisuseError(f"the share of system {system_id} is in use")
             if self._link is None:
                 self._link, self._error = self._opener(), None
-            found = LinkShare(self, self._link, system_id, self._systems - {system_id})
-            self._shares[system_id] = found
+            found = LinkView(self, self._link, system_id, self._systems - {system_id})
+            self._views[system_id] = found
             return found
 
     def give_up(self, system_id: int) -> None:
         """Close the share of a vehicle."""
         with self._lock:
-            self._shares.pop(system_id, None)
-            if not self._shares and self._link is not None:
+            self._views.pop(system_id, None)
+            if not self._views and self._link is not None:
                 self._link.close()
                 self._link = None
 
-    def send(self, link: Link, places: Collection[Place], data: bytes) -> None:
+    def send(self, link: Link, endpoints: Collection[Endpoint], data: bytes) -> None:
         """Send a datagram of one share."""
         with self._sending:
             if isinstance(link, UdpLink) and link.learns_peers:
-                for place in places:
-                    link.send_to(place, data)
+                for endpoint in endpoints:
+                    link.send_to(endpoint, data)
             else:
                 link.send(data)
 
-    def receive(self, share: "LinkShare", link: Link, deadline: float) -> bytes | None:
+    def receive(self, view: "LinkView", link: Link, deadline: float) -> bytes | None:
         """The next datagram of one share; whichever share waits first reads for all."""
         while True:
             with self._lock:
-                data = share.take()
+                data = view.take()
                 if data is not None:
                     return data
                 if self._error is not None:
@@ -219,14 +219,14 @@ class SharedLink:
                     self._lock.notify_all()
             if left_s == 0.0:
                 with self._lock:
-                    return share.take()
+                    return view.take()
 
     def _read(self, link: Link, timeout_s: float) -> None:
         """Read the next datagram, and give it to its share."""
-        place = None
+        endpoint = None
         try:
             if isinstance(link, UdpLink) and link.learns_peers:
-                data, place = link.receive_from(timeout_s) or (None, None)
+                data, endpoint = link.receive_from(timeout_s) or (None, None)
             else:
                 data = link.receive(timeout_s)
         except LinkError as error:
@@ -235,12 +235,12 @@ class SharedLink:
             return
         if data is not None:
             with self._lock:
-                for share in self._shares.values():
-                    share.put(data, place)
+                for view in self._views.values():
+                    view.put(data, endpoint)
 
 
-class LinkShare:
-    """One vehicle's share of a link, made by :meth:`SharedLink.share`; a link itself.
+class LinkView:
+    """One vehicle's share of a link, made by :meth:`SharedLink.view`; a link itself.
 
     Attributes:
         dropped: How many datagrams were lost because no caller read them.
@@ -248,7 +248,7 @@ class LinkShare:
 
     def __init__(self, shared: SharedLink, link: Link, system_id: int, others: Collection[int]) -> None:
         self._shared, self._link, self._system_id, self._others = shared, link, system_id, others
-        self._places = Places()
+        self._endpoints = Endpoints()
         self._waiting: deque[bytes] = deque()
         self._closed = False
         self.dropped = 0
@@ -270,7 +270,7 @@ class LinkShare:
             LinkError: the link is closed or gone.
         """
         self._require_open()
-        self._shared.send(self._link, self._places.to_send_to(self.clock.now()), data)
+        self._shared.send(self._link, self._endpoints.to_send_to(self.clock.now()), data)
 
     def receive(self, timeout_s: float) -> bytes | None:
         """The next datagram that is not another vehicle's, or None after ``timeout_s`` seconds.
@@ -283,11 +283,11 @@ class LinkShare:
 
     def keep_to(self, system_id: int, component_id: int) -> None:
         """From here on hear only the address of this sender; a link without addresses stays as it is."""
-        self._places.keep_to(system_id, component_id, self.clock.now())
+        self._endpoints.keep_to(system_id, component_id, self.clock.now())
 
     def let_go(self) -> None:
         """Hear all addresses again."""
-        self._places.let_go()
+        self._endpoints.let_go()
 
     def close(self) -> None:
         """Give up the share; the last one closes the link. Closing twice is fine."""
@@ -299,10 +299,10 @@ class LinkShare:
         """The oldest datagram that waits."""
         return self._waiting.popleft() if self._waiting else None
 
-    def put(self, data: bytes, place: Place | None) -> None:
+    def put(self, data: bytes, endpoint: Endpoint | None) -> None:
         """Let a datagram wait, if it is for this vehicle's client to hear."""
         ours = _without(data, self._others)
-        if not ours or (place is not None and not self._places.hears(ours, place, self.clock.now())):
+        if not ours or (endpoint is not None and not self._endpoints.hears(ours, endpoint, self.clock.now())):
             return
         if len(self._waiting) >= MOST_WAITING:
             self._waiting.popleft()

@@ -31,7 +31,7 @@ class MountMode(Enum):
     NEUTRAL = 1
     ANGLES = 2
     PILOT = 3
-    PLACE = 4
+    POSITION = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +80,7 @@ class Waypoint:
     """Fly to a position. A radius of 0 and a heading of None are left to the vehicle."""
 
     COMMAND: ClassVar = Command.NAV_WAYPOINT
-    place: FramedPoint
+    position: FramedPoint
     hold_s: float = field(default=0.0, metadata=_number(1))
     acceptance_radius_m: float = field(default=0.0, metadata=_number(2))
     pass_radius_m: float = field(default=0.0, metadata=_number(3))
@@ -92,7 +92,7 @@ class SplineWaypoint:
     """Fly to a position along a smooth curve."""
 
     COMMAND: ClassVar = Command.NAV_SPLINE_WAYPOINT
-    place: FramedPoint
+    position: FramedPoint
     hold_s: float = field(default=0.0, metadata=_number(1))
 
 
@@ -101,7 +101,7 @@ class Takeoff:
     """Climb to a height; ``pitch_deg`` is a fixed wing's least pitch."""
 
     COMMAND: ClassVar = Command.NAV_TAKEOFF
-    place: FramedPoint
+    position: FramedPoint
     pitch_deg: float = field(default=0.0, metadata=_number(1))
     heading_deg: float | None = field(default=None, metadata=_or_none(4))
 
@@ -111,7 +111,7 @@ class Land:
     """Land at a position; ``abort_alt_m`` is the height to climb to when a fixed wing's landing is aborted."""
 
     COMMAND: ClassVar = Command.NAV_LAND
-    place: FramedPoint
+    position: FramedPoint
     abort_alt_m: float = field(default=0.0, metadata=_number(1))
     heading_deg: float | None = field(default=None, metadata=_or_none(4))
 
@@ -121,7 +121,7 @@ class LoiterUnlimited:
     """Circle a position until commanded otherwise; a negative radius is counterclockwise."""
 
     COMMAND: ClassVar = Command.NAV_LOITER_UNLIM
-    place: FramedPoint
+    position: FramedPoint
     radius_m: float = field(default=0.0, metadata=_number(3))
 
 
@@ -130,7 +130,7 @@ class LoiterTurns:
     """Circle a position a number of times; a negative radius is counterclockwise."""
 
     COMMAND: ClassVar = Command.NAV_LOITER_TURNS
-    place: FramedPoint
+    position: FramedPoint
     turns: float = field(default=1.0, metadata=_number(1))
     radius_m: float = field(default=0.0, metadata=_number(3))
 
@@ -140,7 +140,7 @@ class LoiterTime:
     """Circle or hover at a position for a time; a negative radius is counterclockwise."""
 
     COMMAND: ClassVar = Command.NAV_LOITER_TIME
-    place: FramedPoint
+    position: FramedPoint
     time_s: float = field(default=0.0, metadata=_number(1))
     radius_m: float = field(default=0.0, metadata=_number(3))
 
@@ -198,7 +198,7 @@ class LookAt:
     """Point the camera at a position from now on; gimbal 0 is all of them."""
 
     COMMAND: ClassVar = Command.DO_SET_ROI_LOCATION
-    place: FramedPoint
+    position: FramedPoint
     gimbal: int = field(default=0, metadata=_whole(1))
 
 
@@ -249,14 +249,14 @@ class TriggerEvery:
 
 @dataclass(frozen=True, slots=True)
 class TakePicture:
-    """Take one photo, or with ``pictures`` 0 only set zoom and focus, with an older camera interface."""
+    """Take one photo, or with ``photos`` 0 only set zoom and focus, with an older camera interface."""
 
     COMMAND: ClassVar = Command.DO_DIGICAM_CONTROL
     session: float = field(default=0.0, metadata=_number(1))
     zoom: float = field(default=0.0, metadata=_number(2))
     zoom_step: float = field(default=0.0, metadata=_number(3))
     focus: float = field(default=0.0, metadata=_number(4))
-    pictures: int = field(default=1, metadata=_whole(5))
+    photos: int = field(default=1, metadata=_whole(5))
 
 
 @dataclass(frozen=True, slots=True)

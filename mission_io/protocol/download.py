@@ -127,7 +127,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         self._arrived: dict[int, m.MissionItemInt | m.MissionItemFloat] = {}
         self._latest: m.MissionItemInt | m.MissionItemFloat | None = None
         self._missing = 0  # the first missing item
-        self._asked_to = 0  # the items before this one were requested
+        self._requested_to = 0  # the items before this one were requested
         self._list_sent_at = options["now"]
         self._count_changes = 0
         self._error_at = -1  # the item that an error came instead of
@@ -166,7 +166,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
             return self._count_event(message.count)
         if isinstance(message, m.MissionItemInt | m.MissionItemFloat):
             fetching = self.state is DownloadState.FETCHING
-            if not fetching or message.seq in self._arrived or message.seq >= self._asked_to:
+            if not fetching or message.seq in self._arrived or message.seq >= self._requested_to:
                 return DownloadEvent.ITEM_STRAY
             self._latest = message
             return DownloadEvent.ITEM_LAST if len(self._arrived) + 1 == self._count else DownloadEvent.ITEM
@@ -212,7 +212,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         ]
 
     def _event_when_due(self, event: DownloadEvent) -> DownloadEvent:
-        if event is DownloadEvent.RESEND and self.state is DownloadState.FETCHING and self._asked_early():
+        if event is DownloadEvent.RESEND and self.state is DownloadState.FETCHING and self._requested_early():
             event = DownloadEvent.STALL  # after any loss the vehicle aborts at the next request
         too_often = event is DownloadEvent.STALL and self.restarts >= TRANSFERS.restarts
         return DownloadEvent.NO_PROGRESS if too_often else event
@@ -228,7 +228,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
     def _begin_anew(self, now: float) -> None:
         self._note_restart(now)
         self._departures.clear()
-        round_trip = self.patience.round_trip
+        round_trip = self.retry_limits.round_trip
         if round_trip is not None and now - self._list_sent_at < round_trip.smoothed_s:
             return  # an answer to the last request may be under way; after a silence the next one follows
         self._send_list(now)
@@ -239,7 +239,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         self._send_list(now)
 
     def _note_broken_off(self, now: float) -> None:
-        if self._asked_early():
+        if self._requested_early():
             self._retry_s = self.timing.resend_shortest_s  # not busy: something was lost during an early request
         self._note_restart(now)
         self._note_busy(now)
@@ -249,7 +249,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         self._got_to(0, now)
         self._count = self._announced
         self._arrived = {}
-        self._missing = self._asked_to = 0
+        self._missing = self._requested_to = 0
         self._ask_ahead(now)
 
     def _keep_latest(self, now: float) -> None:
@@ -273,29 +273,29 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         ahead = self._ahead if self._any_order or (self._in_order and self._loses_nothing()) else 0
         return min(self._missing + 1 + ahead, self._count or 0)
 
-    def _asked_early(self) -> bool:
+    def _requested_early(self) -> bool:
         """Whether a request is on its way that the vehicle takes only after the one before it."""
-        return self._in_order and self._asked_to > self._missing + 1
+        return self._in_order and self._requested_to > self._missing + 1
 
     def _loses_nothing(self) -> bool:
         """Whether nothing was lost so far, and beginning anew would be cheap."""
-        round_trip = self.patience.round_trip
+        round_trip = self.retry_limits.round_trip
         if self.silences or self.restarts or self._missing < TRANSFERS.proven_items or round_trip is None:
             return False
         return (self._count or 0) * round_trip.smoothed_s <= TRANSFERS.cheap_restart_s
 
     def _ask_ahead(self, now: float) -> None:
         """Request the first missing item and those ahead of their turn, unless requested already."""
-        for seq in range(max(self._missing, self._asked_to), self._window_end()):
+        for seq in range(max(self._missing, self._requested_to), self._window_end()):
             self._ask(seq, now)
 
     def _ask(self, seq: int, now: float) -> None:
-        self._asked_to = max(self._asked_to, seq + 1)
+        self._requested_to = max(self._requested_to, seq + 1)
         self._send(m.MissionRequestInt(*self.vehicle, seq, self.mission_type), now, question=seq)
 
     def _resend_requests(self, now: float) -> None:
         self._count_silence()
-        for seq in range(self._missing, self._asked_to):
+        for seq in range(self._missing, self._requested_to):
             if seq not in self._arrived:
                 self._ask(seq, now)
 

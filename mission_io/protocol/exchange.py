@@ -8,7 +8,7 @@ from typing import ClassVar, Generic, Required, TypedDict, TypeVar, Unpack
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionType
 from mission_io.protocol.tables import Row, Table, staying
-from mission_io.protocol.timing import TRANSFERS, Departures, Patience, Timing
+from mission_io.protocol.timing import TRANSFERS, Departures, RetryLimits, Timing
 from mission_io.wire.messages import Address, Message, MissionAck, MissionClearAll, Received, is_for
 
 StateT = TypeVar("StateT", bound=Enum)
@@ -29,7 +29,7 @@ class ExchangeOptions(TypedDict, total=False):
     vehicle: Required[Address]
     now: Required[float]
     timing: Timing | None
-    patience: Patience | None
+    retry_limits: RetryLimits | None
 
 
 class Exchange(ABC, Generic[StateT, EventT]):
@@ -39,7 +39,7 @@ class Exchange(ABC, Generic[StateT, EventT]):
     ``finished``. Messages from others, for others, or about another list have no effect. An action of ``table`` is a method.
 
     Attributes:
-        patience: What was learnt about the link; pass it to the next exchange with the same vehicle.
+        retry_limits: What was learnt about the link; pass it to the next exchange with the same vehicle.
         last_result: The last MissionResult of the vehicle that had an effect; None before the first.
         silences: Number of repetitions after a silence.
         restarts: Number of restarts of the exchange.
@@ -57,12 +57,12 @@ class Exchange(ABC, Generic[StateT, EventT]):
         vehicle: Address,
         now: float,
         timing: Timing | None = None,
-        patience: Patience | None = None,
+        retry_limits: RetryLimits | None = None,
     ) -> None:
         self.state: StateT = start
         self.mission_type, self.local, self.vehicle = mission_type, local, vehicle
         self.timing = timing if timing is not None else Timing()
-        self.patience = patience if patience is not None else Patience()
+        self.retry_limits = retry_limits if retry_limits is not None else RetryLimits()
         self.last_result: MissionResult | int | None = None
         self._outbox: list[Message] = []
         self._last_heard = self._last_sent = now
@@ -186,7 +186,7 @@ class Exchange(ABC, Generic[StateT, EventT]):
         """The vehicle answered a question: learn the round-trip time, and work further ahead."""
         answer = self._departures.answered(question, now)
         if answer is not None:
-            self.patience = self.patience.after(answer)
+            self.retry_limits = self.retry_limits.after(answer)
             self._slowest_s = max(self._slowest_s, answer.since_first_s)
         self._backed_off = 0
         self._clean += 1
@@ -210,12 +210,12 @@ class Exchange(ABC, Generic[StateT, EventT]):
     def _sent_within(self, round_trips: float, question: int, now: float) -> bool:
         """Whether a question was last sent less than a number of round trips ago."""
         age_s = self._departures.age_s(question, now)
-        round_trip = self.patience.round_trip
+        round_trip = self.retry_limits.round_trip
         return age_s is not None and round_trip is not None and age_s < round_trips * round_trip.smoothed_s
 
     def _resend_at(self) -> float:
         timing = self.timing
-        round_trip = self.patience.round_trip
+        round_trip = self.retry_limits.round_trip
         first_s = timing.resend_s if round_trip is None else round_trip.time_out_s
         first_s = max(first_s, timing.resend_shortest_s)
         wait_s = first_s * timing.resend_growth ** min(self._backed_off, 64)
@@ -243,7 +243,7 @@ def _named(result: int) -> MissionResult | int:
 class ClearState(Enum):
     """State of a clear."""
 
-    ASKED = "the client requested an empty list"
+    REQUESTED = "the client requested an empty list"
     BACKING_OFF = "the vehicle was busy, and the request is sent again later"
     CLEARED = "the vehicle cleared the list"
     REFUSED = "the vehicle refused"
@@ -269,17 +269,17 @@ _S, _E = ClearState, ClearEvent
 
 CLEAR_TABLE: Table[ClearState, ClearEvent] = Table(
     [
-        Row(_S.ASKED, _E.ACK_ACCEPTED, _S.CLEARED, "finish"),
-        Row(_S.ASKED, _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
-        Row(_S.ASKED, _E.ACK_REFUSED, _S.REFUSED),
-        Row(_S.ASKED, _E.RESEND, _S.ASKED, "resend"),
-        Row(_S.ASKED, _E.GIVE_UP, _S.SILENT),
-        Row(_S.ASKED, _E.NO_PROGRESS, _S.STUCK),
-        *staying(_S.ASKED, _E.ACK_STRAY),
+        Row(_S.REQUESTED, _E.ACK_ACCEPTED, _S.CLEARED, "finish"),
+        Row(_S.REQUESTED, _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
+        Row(_S.REQUESTED, _E.ACK_REFUSED, _S.REFUSED),
+        Row(_S.REQUESTED, _E.RESEND, _S.REQUESTED, "resend"),
+        Row(_S.REQUESTED, _E.GIVE_UP, _S.SILENT),
+        Row(_S.REQUESTED, _E.NO_PROGRESS, _S.STUCK),
+        *staying(_S.REQUESTED, _E.ACK_STRAY),
         #
         Row(_S.BACKING_OFF, _E.ACK_ACCEPTED, _S.CLEARED),
         Row(_S.BACKING_OFF, _E.ACK_REFUSED, _S.REFUSED),
-        Row(_S.BACKING_OFF, _E.RETRY, _S.ASKED, "ask_anew"),
+        Row(_S.BACKING_OFF, _E.RETRY, _S.REQUESTED, "ask_anew"),
         Row(_S.BACKING_OFF, _E.EXHAUSTED, _S.REFUSED),
         # ArduPilot answers a denied clear twice.
         *staying(_S.BACKING_OFF, _E.ACK_BUSY, _E.ACK_STRAY),
@@ -303,7 +303,7 @@ class Clear(Exchange[ClearState, ClearEvent]):
     table: ClassVar = CLEAR_TABLE
 
     def __init__(self, **options: Unpack[ExchangeOptions]) -> None:
-        super().__init__(ClearState.ASKED, **options)
+        super().__init__(ClearState.REQUESTED, **options)
         self._ask(options["now"])
 
     def cancel(self, now: float) -> None:
@@ -317,7 +317,7 @@ class Clear(Exchange[ClearState, ClearEvent]):
 
     def _deadlines(self) -> list[tuple[float, ClearEvent]]:
         timing = self.timing
-        if self.state is ClearState.ASKED:
+        if self.state is ClearState.REQUESTED:
             return [
                 (self._stuck_at(), ClearEvent.NO_PROGRESS),
                 (self._silent_at(), ClearEvent.GIVE_UP),

@@ -410,7 +410,7 @@ class FtpUpload(FtpTransfer):
             self._close(FtpState.WRITING)
         else:
             provable = [piece for piece in unsure if any(self._proof_of(piece)[1])]
-            if not self._readable or len(provable) <= max(FILES.few_pieces, FILES.small_share * self._count):
+            if not self._readable or len(provable) <= max(FILES.few_pieces, FILES.small_fraction * self._count):
                 self._todo = deque(unsure)
             else:
                 self._todo = deque(provable)

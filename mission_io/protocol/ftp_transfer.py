@@ -50,18 +50,18 @@ class FtpQuestion:
 
     def __init__(self, request: FtpMessage, waits: FtpWaits) -> None:
         self.request = request
-        self._waits, self._asked_at_s, self._tries = waits, -math.inf, 0
+        self._waits, self._requested_at_s, self._tries = waits, -math.inf, 0
 
     @property
     def next_timer(self) -> float:
         """When it is asked again."""
-        return self._asked_at_s + self._waits.alone_s(self._tries)
+        return self._requested_at_s + self._waits.alone_s(self._tries)
 
     def messages_to_send(self, now: float) -> list[FtpMessage]:
         """The request, when it is due."""
         if now < self.next_timer:
             return []
-        self._asked_at_s, self._tries = now, self._tries + 1
+        self._requested_at_s, self._tries = now, self._tries + 1
         return [self.request]
 
     def is_answered_by(self, answer: FtpMessage, now: float) -> bool:
@@ -69,7 +69,7 @@ class FtpQuestion:
         if (answer.seq - 1) % 65536 != self.request.seq or answer.answers != self.request.operation:
             return False
         if self._tries == 1:
-            self._waits.measure(now - self._asked_at_s)
+            self._waits.measure(now - self._requested_at_s)
         return True
 
 

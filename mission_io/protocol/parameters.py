@@ -202,42 +202,42 @@ _Key = int | str
 """A parameter's index or name."""
 
 
-class _Asking:
+class _Requests:
     """Outstanding requests: each is repeated after a silence, at most ``window`` at once, so that none floods the link."""
 
     def __init__(self, requests: Mapping[_Key, m.Message], *, window: int, again_s: float) -> None:
         self.left = dict(requests)
         self._window, self._again_s = window, again_s
-        self._asked_at: dict[_Key, float] = {}
+        self._requested_at: dict[_Key, float] = {}
 
     def due(self, now: float) -> list[m.Message]:
         """Requests due now."""
         found: list[_Key] = []
         waiting = 0
         for key in self.left:
-            asked_at = self._asked_at.get(key)
-            if asked_at is not None and now < asked_at + self._again_s:
+            requested_at = self._requested_at.get(key)
+            if requested_at is not None and now < requested_at + self._again_s:
                 waiting += 1
             elif waiting + len(found) < self._window:
                 found.append(key)
             if waiting + len(found) >= self._window:
                 break
-        self._asked_at.update(dict.fromkeys(found, now))
+        self._requested_at.update(dict.fromkeys(found, now))
         return [self.left[key] for key in found]
 
     def next_timer(self) -> float | None:
         """When the next is due; None while nothing is asked."""
-        return min(self._asked_at.values()) + self._again_s if self._asked_at else None
+        return min(self._requested_at.values()) + self._again_s if self._requested_at else None
 
     def answered(self, key: _Key) -> bool:
         """Whether this was requested; removes the request."""
-        self._asked_at.pop(key, None)
+        self._requested_at.pop(key, None)
         return self.left.pop(key, None) is not None
 
     def wait_longer(self, key: _Key, now: float) -> None:
         """Ask for this again only after another silence from now on."""
-        if key in self._asked_at:
-            self._asked_at[key] = now
+        if key in self._requested_at:
+            self._requested_at[key] = now
 
 
 _QUIET_S = 1.0
@@ -261,7 +261,7 @@ class ParameterDownload:
         self.silent = self.cancelled = False
         self._messages, self._silent_s = messages, silent_s
         self._indices: set[int] = set()
-        self._asking: _Asking | None = None
+        self._requests: _Requests | None = None
         self._new_at = now
         self._listed_at: float | None = None
 
@@ -300,8 +300,8 @@ class ParameterDownload:
         if index not in self._indices:
             self._indices.add(index)
             self._new_at = now
-        if self._asking is not None:
-            self._asking.answered(index)
+        if self._requests is not None:
+            self._requests.answered(index)
 
     def messages_to_send(self, now: float) -> list[m.Message]:
         """Messages due at ``now``."""
@@ -314,12 +314,12 @@ class ParameterDownload:
                 return []
             self._listed_at = now
             return [self._messages.list_request()]
-        if self._asking is None or not self._asking.left:
+        if self._requests is None or not self._requests.left:
             if now < self._new_at + _QUIET_S:
                 return []
             requests: dict[_Key, m.Message] = {index: self._messages.read_request("", index) for index in self.missing}
-            self._asking = _Asking(requests, window=10, again_s=_QUIET_S)
-        return self._asking.due(now)
+            self._requests = _Requests(requests, window=10, again_s=_QUIET_S)
+        return self._requests.due(now)
 
     def next_timer(self) -> float | None:
         """Time of the next call without a message; None if it needs none."""
@@ -328,8 +328,8 @@ class ParameterDownload:
         due_at: float | None = self._new_at + _QUIET_S
         if not self._indices:
             due_at = (self._listed_at or self._new_at) + _QUIET_S
-        elif self._asking is not None and self._asking.left:
-            due_at = self._asking.next_timer()
+        elif self._requests is not None and self._requests.left:
+            due_at = self._requests.next_timer()
         give_up_at = self._new_at + self._silent_s
         return give_up_at if due_at is None else min(give_up_at, due_at)
 
@@ -347,18 +347,18 @@ class _ParameterRequests:
         self.refused: dict[str, str] = {}
         self.cancelled = False
         self._messages, self._until, self._count = messages, until_s, len(requests)
-        self._asking = _Asking(requests, window=window, again_s=0.5)
+        self._requests = _Requests(requests, window=window, again_s=0.5)
         self._over = False
 
     @property
     def finished(self) -> bool:
         """Whether every name is answered, or the time is up."""
-        return self._over or self.cancelled or not self._asking.left
+        return self._over or self.cancelled or not self._requests.left
 
     @property
     def missing(self) -> list[str]:
         """Names without an answer."""
-        return [str(name) for name in self._asking.left]
+        return [str(name) for name in self._requests.left]
 
     def cancel(self, now: float) -> None:
         """Stop; what was sent may be set anyway."""
@@ -367,18 +367,18 @@ class _ParameterRequests:
 
     def counts(self) -> tuple[int, int | None]:
         """Number of settled parameters, and of all."""
-        return self._count - len(self._asking.left), self._count
+        return self._count - len(self._requests.left), self._count
 
     def messages_to_send(self, now: float) -> list[m.Message]:
         """Messages due at ``now``."""
         self._over = self._over or now >= self._until
-        return [] if self.finished else self._asking.due(now)
+        return [] if self.finished else self._requests.due(now)
 
     def next_timer(self) -> float | None:
         """Time of the next call without a message; None if it needs none."""
         if self.finished:
             return None
-        again_at = self._asking.next_timer()
+        again_at = self._requests.next_timer()
         return self._until if again_at is None else min(self._until, again_at)
 
 
@@ -398,7 +398,7 @@ class ParameterReads(_ParameterRequests):
         """Take a message; those about anything else have no effect."""
         del now
         heard = self._messages.heard(received)
-        if heard is None or heard.in_progress or not self._asking.answered(heard.name):
+        if heard is None or heard.in_progress or not self._requests.answered(heard.name):
             return
         if heard.parameter is None:
             self.refused[heard.name] = heard.refused
@@ -429,10 +429,10 @@ class ParameterWrites(_ParameterRequests):
     def receive(self, received: m.Received, now: float) -> None:
         """Take a message; those about anything else have no effect."""
         heard = self._messages.heard(received)
-        if heard is None or heard.name not in self._asking.left:
+        if heard is None or heard.name not in self._requests.left:
             return
         if heard.in_progress:
-            self._asking.wait_longer(heard.name, now)
+            self._requests.wait_longer(heard.name, now)
             return
         wanted = self._wanted[heard.name]
         if heard.parameter is None:
@@ -444,4 +444,4 @@ class ParameterWrites(_ParameterRequests):
             if self._differing[heard.name] < VALUES.most_refusals:
                 return
             self.refused[heard.name] = f"stays {heard.parameter.value!r}"
-        self._asking.answered(heard.name)
+        self._requests.answered(heard.name)

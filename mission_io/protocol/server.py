@@ -35,7 +35,7 @@ class _Incoming:
     mission_type: MissionType  # the list
     count: int  # how many items come
     heard_at: float  # when the last one came
-    asked_at: float  # when the next one was last asked for
+    requested_at: float  # when the next one was last asked for
     first: int = 0  # its first item's number; others than 0 where only a part of a list comes
     base: tuple[MissionItem, ...] | None = None  # the list of which a part is written over; None for a whole list
     items: list[MissionItem] = field(default_factory=list)  # those that have come
@@ -181,7 +181,7 @@ class MissionServer:
         """Pending timed events, the nearest first."""
         if self._incoming is not None:
             give_up = self._incoming.heard_at + self.autopilot.give_up_s
-            ask = self._incoming.asked_at + self.autopilot.rerequest_s
+            ask = self._incoming.requested_at + self.autopilot.rerequest_s
             return sorted([(give_up, ServerEvent.GIVE_UP), (ask, ServerEvent.REREQUEST)], key=lambda due: due[0])
         if self.state is ServerState.SENDING:
             return [(self._served_at + self.autopilot.download_blocks_s, ServerEvent.DOWNLOAD_OVER)]
@@ -308,7 +308,7 @@ class MissionServer:
 
     def _ask(self, now: float) -> None:
         incoming = self._upload()
-        incoming.asked_at = now
+        incoming.requested_at = now
         kind = m.MissionRequest if self.autopilot.legacy_requests else m.MissionRequestInt
         self._outbox.append(kind(*incoming.station, incoming.next_seq, incoming.mission_type))
 
@@ -354,7 +354,7 @@ class MissionServer:
     def _give_up(self, now: float) -> None:
         incoming = self._upload()
         self._abandon(now)
-        if self.autopilot.says_give_up:
+        if self.autopilot.reports_give_up:
             self._send_ack(incoming.station, MissionResult.OPERATION_CANCELLED, incoming.mission_type)
 
     def _abandon(self, now: float) -> None:

@@ -192,8 +192,8 @@ class UploadEvent(Enum):
 
 _S, _E = UploadState, UploadEvent
 _UploadRow = Row[UploadState, UploadEvent]
-_UNDER_WAY = (_S.SERVING, _S.ACKED_EARLY, _S.CONFIRMING, _S.RECHECKING, _S.DOUBTING)
-_LIVE = (_S.ANNOUNCED, *_UNDER_WAY, _S.BACKING_OFF)
+_IN_PROGRESS = (_S.SERVING, _S.ACKED_EARLY, _S.CONFIRMING, _S.RECHECKING, _S.DOUBTING)
+_LIVE = (_S.ANNOUNCED, *_IN_PROGRESS, _S.BACKING_OFF)
 _STRAY_ACKS = (_E.ACK_ACCEPTED, _E.ACK_SEQUENCE, _E.ACK_CANCELLED)
 _ALL_ACKS = (*_STRAY_ACKS, _E.ACK_EMPTIED, _E.ACK_BUSY, _E.ACK_ERROR, _E.ACK_REFUSED)
 
@@ -214,15 +214,15 @@ UPLOAD_TABLE: Table[UploadState, UploadEvent] = Table(
         ),
         *_each((_S.CONFIRMING, _S.RECHECKING), _E.REQUEST, _S.CONFIRMING, "send_items"),
         *_each(_LIVE, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
-        *_each((_S.ANNOUNCED, *_UNDER_WAY), _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
+        *_each((_S.ANNOUNCED, *_IN_PROGRESS), _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
         *_each(_LIVE, _E.ACK_REFUSED, _S.REFUSED),
-        *_each(_UNDER_WAY, _E.ACK_GAVE_UP, _S.ANNOUNCED, "restart"),
-        *_each(_UNDER_WAY, _E.ACK_CANCELLED, _S.VEHICLE_CANCELLED),
+        *_each(_IN_PROGRESS, _E.ACK_GAVE_UP, _S.ANNOUNCED, "restart"),
+        *_each(_IN_PROGRESS, _E.ACK_CANCELLED, _S.VEHICLE_CANCELLED),
         *_each((_S.ANNOUNCED, _S.SERVING, _S.CONFIRMING), _E.NO_PROGRESS, _S.STUCK, "send_cancel"),
         *_each(_LIVE, _E.CANCEL, _S.CANCELLING, "send_cancel"),
         *(
             row
-            for state in _UNDER_WAY
+            for state in _IN_PROGRESS
             for row in staying(state, _E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_SEQUENCE)
         ),
         #

@@ -41,10 +41,10 @@ _CORNER_MARGIN_E7 = 50
 
 _LOWEST_M, _HIGHEST_M = -32768, 32767
 
-Place = tuple[float, float]
+Position = tuple[float, float]
 """Latitude and longitude in degrees."""
 
-Heights = Callable[[Sequence[Place]], Sequence[float]]
+Heights = Callable[[Sequence[Position]], Sequence[float]]
 """Heights of the ground above mean sea level in metres, at places; NaN where unknown."""
 
 Part = tuple[int, ...]
@@ -69,7 +69,7 @@ class TerrainBlock:
             float(self.north * STEP_NORTH * self.spacing_m), float(self.east * STEP_EAST * self.spacing_m),
         )  # fmt: skip
 
-    def place(self, row: int, column: int) -> Place:
+    def position(self, row: int, column: int) -> Position:
         """Where the autopilot takes the height of a row and a column to be.
 
         ArduPilot looks heights up from the degree's corner, so they are placed from there. Places counted from the block's own
@@ -83,7 +83,7 @@ class TerrainBlock:
 
 
 @dataclass(frozen=True, slots=True)
-class PlaceInBlock:
+class PositionInBlock:
     """A position by its block, and the rows and columns from the block's corner, with fractions."""
 
     block: TerrainBlock
@@ -91,7 +91,7 @@ class PlaceInBlock:
     column: float
 
 
-def place_in_block(lat_deg: float, lon_deg: float, spacing_m: int) -> PlaceInBlock:
+def position_in_block(lat_deg: float, lon_deg: float, spacing_m: int) -> PositionInBlock:
     """The block in which ArduPilot looks up a position."""
     lat_e7, lon_e7 = round(lat_deg * _DEGREE_E7), round(lon_deg * _DEGREE_E7)
     south, west = lat_e7 // _DEGREE_E7, lon_e7 // _DEGREE_E7
@@ -100,7 +100,7 @@ def place_in_block(lat_deg: float, lon_deg: float, spacing_m: int) -> PlaceInBlo
     east_m = (lon_e7 - west * _DEGREE_E7) * _M_PER_E7 * scale
     row, column = north_m / spacing_m, east_m / spacing_m
     block = TerrainBlock(south, west, math.floor(row / STEP_NORTH), math.floor(column / STEP_EAST), spacing_m)
-    return PlaceInBlock(block, row - block.north * STEP_NORTH, column - block.east * STEP_EAST)
+    return PositionInBlock(block, row - block.north * STEP_NORTH, column - block.east * STEP_EAST)
 
 
 def block_with_corner(lat_deg: float, lon_deg: float, spacing_m: int) -> TerrainBlock | None:
@@ -122,7 +122,7 @@ def block_with_corner(lat_deg: float, lon_deg: float, spacing_m: int) -> Terrain
     return None
 
 
-def places_of_block(lat_deg: float, lon_deg: float, spacing_m: int) -> list[Place]:
+def positions_of_block(lat_deg: float, lon_deg: float, spacing_m: int) -> list[Position]:
     """The 896 positions of the block with this corner, part by part, in the order of a part's heights.
 
     Firmware from before 2021 has other corners; the places of such a block are counted from its own corner.
@@ -135,15 +135,18 @@ def places_of_block(lat_deg: float, lon_deg: float, spacing_m: int) -> list[Plac
         for column in range(PART_SIDE)
     ]
     if block is not None:
-        return [block.place(row, column) for row, column in at]
+        return [block.position(row, column) for row, column in at]
     return [_from_corner(lat_deg, lon_deg, row * spacing_m, column * spacing_m) for row, column in at]
 
 
-def parts_of_block(places: Sequence[Place], heights_amsl_m: Heights) -> tuple[Part | None, ...]:
+def parts_of_block(positions: Sequence[Position], heights_amsl_m: Heights) -> tuple[Part | None, ...]:
     """Heights of a block's positions in whole metres, part by part; None for a part with an unknown height."""
-    on_earth = [place for place in places if abs(place[0]) <= 90.0]
+    on_earth = [position for position in positions if abs(position[0]) <= 90.0]
     known = dict(zip(on_earth, heights_amsl_m(on_earth), strict=True)) if on_earth else {}
-    return tuple(_part([known.get(place, math.nan) for place in places[i : i + 16]]) for i in range(0, len(places), 16))
+    return tuple(
+        _part([known.get(position, math.nan) for position in positions[i : i + 16]])
+        for i in range(0, len(positions), 16)
+    )
 
 
 def _part(heights_m: Sequence[float]) -> Part | None:
@@ -160,7 +163,7 @@ def blocks_east(south_deg: int, spacing_m: int) -> int:
     return int(width_e7 * _M_PER_E7 * _longitude_scale(corner_e7 / _DEGREE_E7) / (spacing_m * STEP_EAST))
 
 
-def _from_corner(lat_deg: float, lon_deg: float, north_m: float, east_m: float) -> Place:
+def _from_corner(lat_deg: float, lon_deg: float, north_m: float, east_m: float) -> Position:
     north_deg = lat_deg + north_m / (_M_PER_E7 * _DEGREE_E7)
     scale = _longitude_scale(0.5 * (lat_deg + north_deg))
     return north_deg, wrapped_deg(lon_deg + east_m / (_M_PER_E7 * _DEGREE_E7 * scale))
@@ -279,7 +282,7 @@ class TerrainAnswers:
         if not 0.0 < parts_per_s < math.inf:
             raise MisuseError(f"parts_per_s must be greater than 0, not {parts_per_s}")
         self._heights, self._interval_s = heights_amsl_m, 1.0 / parts_per_s
-        self._say = say
+        self._print = say
         self._due_s = -math.inf
         self._waiting: dict[_Key, int] = {}
         self._parts: dict[_Key, tuple[Part | None, ...]] = {}
@@ -352,7 +355,7 @@ class TerrainAnswers:
         if parts is None:
             if len(self._parts) >= VALUES.max_waiting:
                 del self._parts[next(iter(self._parts))]
-            parts = self._parts[key] = parts_of_block(places_of_block(*key), self._heights)
+            parts = self._parts[key] = parts_of_block(positions_of_block(*key), self._heights)
             self._meet(key, sum(part is None for part in parts))
         return parts
 
@@ -374,5 +377,5 @@ class TerrainAnswers:
 
     def _count_and_tell(self, kind: str, text: str) -> None:
         self._counts[kind] += 1
-        if self._say is not None and self._counts[kind] <= VALUES.reported_blocks:
-            self._say(text)
+        if self._print is not None and self._counts[kind] <= VALUES.reported_blocks:
+            self._print(text)

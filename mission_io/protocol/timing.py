@@ -48,7 +48,7 @@ class _Files:
     tries_of_crc: int
     most_failures: int
     few_pieces: int
-    small_share: float
+    small_fraction: float
     proving_pieces: int
     least_wait_s: float
     most_wait_s: float
@@ -129,7 +129,7 @@ class RoundTrip:
 
 
 @dataclass(frozen=True, slots=True)
-class Patience:
+class RetryLimits:
     """Timeout of an answer, learnt from the answers so far.
 
     An answer to a repeated question does not tell which repetition it answers (Karn), but it bounds the round trip, which
@@ -142,17 +142,17 @@ class Patience:
     doubtful: int = 0  # number of consecutive doubtful answers
     smallest_s: float = math.inf  # the smallest bound among them
 
-    def after(self, answer: "AnswerDelay") -> "Patience":
+    def after(self, answer: "AnswerDelay") -> "RetryLimits":
         """Updated by an answer."""
         if answer.certain:
             known = None if self.is_bound else self.round_trip
-            return Patience(
+            return RetryLimits(
                 RoundTrip.first(answer.since_first_s) if known is None else known.updated(answer.since_first_s)
             )
         doubtful, smallest_s = self.doubtful + 1, min(self.smallest_s, answer.since_first_s)
         if doubtful >= (TRANSFERS.first_doubtful_trips if self.round_trip is None else TRANSFERS.doubtful_trips):
-            return Patience(RoundTrip(smallest_s, smallest_s / 64.0), True, doubtful, smallest_s)
-        return Patience(self.round_trip, self.is_bound, doubtful, smallest_s)
+            return RetryLimits(RoundTrip(smallest_s, smallest_s / 64.0), True, doubtful, smallest_s)
+        return RetryLimits(self.round_trip, self.is_bound, doubtful, smallest_s)
 
 
 class AnswerDelay(NamedTuple):

@@ -76,7 +76,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
             )
             for seq, item in enumerate(items, self._first)
         ]
-        self._asked = -1  # the item requested last
+        self._requested = -1  # the item requested last
         self._furthest = -1  # the furthest item requested since COUNT
         self._sent_to = 0  # the items before this one went out since COUNT
         self._across = 0
@@ -127,17 +127,17 @@ class Upload(Exchange[UploadState, UploadEvent]):
         if not 0 <= seq < len(self._items):
             return UploadEvent.REQUEST_UNKNOWN
         going = self.state in (UploadState.SERVING, UploadState.CONFIRMING)
-        if going and seq == self._asked and self._sent_within(1.0, seq, now):
+        if going and seq == self._requested and self._sent_within(1.0, seq, now):
             return UploadEvent.REQUEST_CROSSED
         backed_off, gets_on = self._backed_off, seq > self._furthest
-        if seq > self._asked:
+        if seq > self._requested:
             self._answered(seq - 1, now)
             self._departures.forget_to(seq - 1)
         # An item that is requested again is still missing, or the vehicle starts over. And after a silence nothing is taken for
         # arrived that went out before its turn: a duplicate costs less than another silence.
-        if seq <= self._asked or (self._ahead == 0 and not self._sent_within(0.5, seq, now)):
+        if seq <= self._requested or (self._ahead == 0 and not self._sent_within(0.5, seq, now)):
             self._sent_to = min(self._sent_to, seq)
-        self._asked = seq
+        self._requested = seq
         self._furthest = max(self._furthest, seq)
         self._across = max(self._across, seq)
         self._got_to(seq, now)
@@ -151,7 +151,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
 
     def _window_end(self) -> int:
         """One past the last item sent along with the requested one."""
-        return min(self._asked + 1 + self._ahead, len(self._items))
+        return min(self._requested + 1 + self._ahead, len(self._items))
 
     def _doubtful(self) -> list[int]:
         """Items that may include the one the vehicle waits for after a silence.
@@ -160,7 +160,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
         lost. A late request says less than the furthest one.
         """
         candidates: set[int] = set()
-        for first in (self._asked, self._furthest):
+        for first in (self._requested, self._furthest):
             end = max(self._sent_to, first + 1) + 1
             candidates.update(range(first, min(end, first + TRANSFERS.doubtful_items, len(self._items))))
         return sorted(candidates)
@@ -215,7 +215,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
         self._send_count(now)
 
     def _ask_anew(self, now: float) -> None:
-        self._asked = self._furthest = -1
+        self._requested = self._furthest = -1
         self._sent_to = 0
         self._departures.clear()
         self._send_count(now)
@@ -230,7 +230,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
 
     def _send_items(self, now: float) -> None:
         """Answer a request with the item and those ahead of their turn, unless sent already."""
-        for seq in range(max(self._asked, self._sent_to), self._window_end()):
+        for seq in range(max(self._requested, self._sent_to), self._window_end()):
             self._send_item(seq, now)
 
     def _resend_items(self, now: float) -> None:

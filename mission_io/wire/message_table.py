@@ -42,16 +42,16 @@ class Layout:
     message_id: int  # its number
     struct: Struct  # packs and unpacks the whole payload, extensions included
     # for each field, where its first value is among the values of ``struct``, and how many it has
-    places: Mapping[str, tuple[int, int]]
+    spans: Mapping[str, tuple[int, int]]
 
     @property
     def value_count(self) -> int:
         """Number of values that ``struct`` packs."""
-        return sum(count for _, count in self.places.values())
+        return sum(count for _, count in self.spans.values())
 
     def size_before(self, field: str) -> int:
         """The bytes of the payload before a field; before its first extension that is all MAVLink 1 has."""
-        index = self.places[field][0]
+        index = self.spans[field][0]
         items = _format_items(self.struct.format)
         return Struct("<" + "".join(items[:index])).size
 
@@ -64,10 +64,10 @@ _LATER_EXTENSIONS: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
 """Extensions of the common message set that pymavlink's tables may lack, each with its format. Checksums do not know them."""
 
 
-_EVENT_PLACES: Final = {
+_EVENT_SPANS: Final = {
     **{
-        field: (place, 1)
-        for place, field in enumerate(
+        field: (index, 1)
+        for index, field in enumerate(
             ("id", "event_time_boot_ms", "sequence", "destination_component", "destination_system", "log_levels")
         )
     },
@@ -78,19 +78,19 @@ _EVENT_PLACES: Final = {
 def layout_of(name: str) -> Layout:
     """The layout of a message by its MAVLink name, in small letters."""
     if name == "event":
-        return Layout(name, _EVENT_ID, _EVENT_STRUCT, _EVENT_PLACES)
+        return Layout(name, _EVENT_ID, _EVENT_STRUCT, _EVENT_SPANS)
     kind = getattr(_dialect, f"MAVLink_{name}_message")
-    places: dict[str, tuple[int, int]] = {}
+    spans: dict[str, tuple[int, int]] = {}
     start = 0
     for field, count in zip(kind.ordered_fieldnames, kind.lengths, strict=True):
-        places[field] = (start, count)
+        spans[field] = (start, count)
         start += count
     packed = kind.unpacker.format
     for field, letter in _LATER_EXTENSIONS.get(name, ()):
-        if field not in places:
-            places[field] = (start, 1)
+        if field not in spans:
+            spans[field] = (start, 1)
             start, packed = start + 1, packed + letter
-    return Layout(name, kind.id, Struct(packed), places)
+    return Layout(name, kind.id, Struct(packed), spans)
 
 
 def checksum(data: bytes) -> int:
@@ -229,10 +229,10 @@ def _row(ours: type[m.Message], wire: str, *fields_of: FieldRow | str, **constan
     ours_fields = tuple(named.pop(field.name) for field in fields(ours))
     values: list[Any] = [0] * layout.value_count
     for name, value in constants.items():
-        start, count = layout.places[name]
+        start, count = layout.spans[name]
         values[start : start + count] = value if count > 1 else [value]
     first = _FIRST_EXTENSION.get(wire)
-    extension_at = layout.value_count if first is None else layout.places[first][0]
+    extension_at = layout.value_count if first is None else layout.spans[first][0]
     defaults = {field.name: field.default for field in fields(ours) if field.default is not MISSING}
     slots = tuple(_slot_of(field, layout) for field in ours_fields)
     return MessageRow(
@@ -244,13 +244,13 @@ def _row(ours: type[m.Message], wire: str, *fields_of: FieldRow | str, **constan
         slots,
         tuple(values),
         layout.struct.size if first is None else layout.size_before(first),
-        {f.name: defaults[f.name] for f in ours_fields if layout.places[f.wire[0]][0] >= extension_at},
+        {f.name: defaults[f.name] for f in ours_fields if layout.spans[f.wire[0]][0] >= extension_at},
     )
 
 
 def _slot_of(field: FieldRow, layout: Layout) -> int | slice:
     """Where a field is among the values; the parts of one that has several follow each other in every message."""
-    start, count = layout.places[field.wire[0]]
+    start, count = layout.spans[field.wire[0]]
     count = max(count, len(field.wire))
     return start if count == 1 else slice(start, start + count)
 
@@ -440,7 +440,7 @@ ROWS: Final[tuple[MessageRow, ...]] = (
         _same("target_system", "destination_system"), _same("event_id", "id"),
         _same("time_boot_ms", "event_time_boot_ms"), "sequence", "log_levels", "arguments",
     ),
-    _row(m.TimeSync, "timesync", _same("answered_ns", "tc1"), _same("asked_ns", "ts1")),
+    _row(m.TimeSync, "timesync", _same("answered_ns", "tc1"), _same("requested_ns", "ts1")),
 )  # fmt: skip
 
 BY_CLASS: Final = {row.ours: row for row in ROWS}

@@ -349,11 +349,11 @@ class SystemTime(Message):
 class TimeSync(Message):
     """A question for the other side's time, or the answer to one.
 
-    ``asked_ns`` is the asker's time, which the answer repeats; ``answered_ns`` is the answerer's time, 0 in a question.
+    ``requested_ns`` is the asker's time, which the answer repeats; ``answered_ns`` is the answerer's time, 0 in a question.
     """
 
     answered_ns: int
-    asked_ns: int
+    requested_ns: int
 
 
 @dataclass(frozen=True, slots=True)

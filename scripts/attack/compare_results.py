@@ -56,7 +56,7 @@ def run(checkout: Path, *words: str, cwd: Path) -> str:
     return f"exit {ended.returncode}\n{ended.stdout}\n--- stderr\n{ended.stderr}"
 
 
-def places(mission: Path) -> list[tuple[float, float, float]]:
+def positions(mission: Path) -> list[tuple[float, float, float]]:
     """Latitude, longitude, height of the waypoints of a .waypoints file."""
     rows = [line.split("\t") for line in mission.read_text().splitlines()[1:]]
     return [(float(r[8]), float(r[9]), float(r[10])) for r in rows if r[3] == "16" and float(r[8])]
@@ -106,7 +106,7 @@ def record(checkout: Path, out: Path) -> None:
         missions = sorted((folder / "run").rglob("mission.waypoints"))
         if not missions:
             continue
-        mission, route = missions[0], places(missions[0])
+        mission, route = missions[0], positions(missions[0])
         write_flight(folder / "flown.gpx", route)
         write_photos(folder / "photos.csv", route)
         folder_of_one = str(mission.parent.relative_to(folder))
@@ -190,21 +190,23 @@ def compare(before: Path, after: Path) -> int:
         print(f"{name}: only {'before' if name in names[0] else 'after'}")
     for name in sorted(names[0] & names[1]):
         old, new = content(before / name), content(after / name)
-        for place in list(dict.fromkeys([*old, *new])):
-            if old.get(place, "absent") != new.get(place, "absent"):
+        for position in list(dict.fromkeys([*old, *new])):
+            if old.get(position, "absent") != new.get(position, "absent"):
                 found += 1
-                print(f"{name} {place}: {str(old.get(place, 'absent'))[:100]} -> {str(new.get(place, 'absent'))[:100]}")
+                print(
+                    f"{name} {position}: {str(old.get(position, 'absent'))[:100]} -> {str(new.get(position, 'absent'))[:100]}"
+                )
     print(f"{found} differences in {len(names[0] | names[1])} files")
     return found
 
 
 def main() -> int:
     """Record or compare."""
-    asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    asked.add_argument("do", choices=("record", "compare"))
-    asked.add_argument("first", type=Path, help="record: the checkout; compare: results before")
-    asked.add_argument("second", type=Path, help="record: a new folder for results; compare: results after")
-    a = asked.parse_args()
+    requested = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    requested.add_argument("do", choices=("record", "compare"))
+    requested.add_argument("first", type=Path, help="record: the checkout; compare: results before")
+    requested.add_argument("second", type=Path, help="record: a new folder for results; compare: results after")
+    a = requested.parse_args()
     if a.do == "record":
         record(a.first.resolve(), a.second.resolve())
         return 0

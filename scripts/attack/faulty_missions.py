@@ -88,9 +88,9 @@ def _good_missions(grounds: list[Terrain], count: int, folder: Path, seed: int) 
             continue
         good.append(case)
         code, findings = judged(case, folder)
-        told = [f"{one['kind']} {one['items']}: {one['what']}" for one in findings if one["weight"] != "look"]
-        if code != 0 or told:
-            alarms.append(f"mission {number} on {case.terrain.name}: exit {code}; {'; '.join(told)}")
+        reported = [f"{one['kind']} {one['items']}: {one['what']}" for one in findings if one["weight"] != "look"]
+        if code != 0 or reported:
+            alarms.append(f"mission {number} on {case.terrain.name}: exit {code}; {'; '.join(reported)}")
             print(alarms[-1], flush=True)
     return good, alarms
 
@@ -115,8 +115,8 @@ def _faults(good: list[Case], count: int, folder: Path, seed: int) -> tuple[dict
             rows[kind]["found"] += found
             rows[kind]["missed"] += not found
             if not found:
-                told = [f"{one['kind']} {one['items']}" for one in findings if one["weight"] == "breaks"]
-                extra.append(f"missed: {kind} {number} on {faulty.terrain.name}, items {faulty.items}: {told}")
+                reported = [f"{one['kind']} {one['items']}" for one in findings if one["weight"] == "breaks"]
+                extra.append(f"missed: {kind} {number} on {faulty.terrain.name}, items {faulty.items}: {reported}")
                 print(extra[-1], flush=True)
             for other in denied(faulty, findings):
                 extra.append(f"false: {kind} {number} on {faulty.terrain.name}: {other}")

@@ -40,7 +40,7 @@ from sitl_tests.returns import (
     fly_on_mock,
     leg_of,
     make_case,
-    make_way_case,
+    make_return_case,
     mission_of,
     rally_of,
 )
@@ -159,20 +159,20 @@ def _trigger(station: Station, case: FailsafeCase) -> None:
         station.client.command(Command.DO_SET_MODE, *mode_params(vehicle, custom_mode(vehicle.autopilot, Mode.RETURN)))
 
 
-def _case(name: str, seed: int, autopilot: AutopilotName, *, ways: bool) -> FailsafeCase:
-    if not ways:
+def _case(name: str, seed: int, autopilot: AutopilotName, *, paths: bool) -> FailsafeCase:
+    if not paths:
         return make_case(seed, autopilot, triggers=_TRIGGERS[name])
     kinds = (1.0, 2.0, 3.0, 4.0) if autopilot == "px4" else (1.0, 2.0)
-    case = make_way_case(seed, autopilot, kind=kinds[seed // 2 % len(kinds)])
+    case = make_return_case(seed, autopilot, kind=kinds[seed // 2 % len(kinds)])
     while case.trigger not in _TRIGGERS[name]:
         seed += 1001
-        case = make_way_case(seed, autopilot, kind=kinds[seed // 2 % len(kinds)])
+        case = make_return_case(seed, autopilot, kind=kinds[seed // 2 % len(kinds)])
     return case
 
 
-def flown_row(name: str, seed: int, folder: Path, *, ways: bool) -> dict[str, Any]:
+def flown_row(name: str, seed: int, folder: Path, *, paths: bool) -> dict[str, Any]:
     """One flight's row: from its file, or flown now."""
-    what = f"{name}-{'way-' if ways else ''}{seed:03d}"
+    what = f"{name}-{'way-' if paths else ''}{seed:03d}"
     file = folder / f"{what}.json"
     if file.exists():
         known: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
@@ -180,7 +180,7 @@ def flown_row(name: str, seed: int, folder: Path, *, ways: bool) -> dict[str, An
     autopilot: AutopilotName = (
         ("ardupilot", "px4")[seed % 2] if name == "mock" else "px4" if name == "px4" else "ardupilot"
     )
-    case = _case(name, seed, autopilot, ways=ways)
+    case = _case(name, seed, autopilot, paths=paths)
     if name == "px4":
         held = {key: _PX4_KEEPS.get((key, value), value) for key, value in case.parameters.items()}
         case = replace(case, parameters=held)
@@ -194,7 +194,7 @@ def flown_row(name: str, seed: int, folder: Path, *, ways: bool) -> dict[str, An
         logs = folder / "logs" / what
         shutil.rmtree(logs, ignore_errors=True)  # of a flight that was interrupted
         flown = fly_on_mock(case) if name == "mock" else fly_in_simulator(name, case, logs)
-        start = [*flown.place_m, *flown.velocity_m_s]
+        start = [*flown.position_m, *flown.velocity_m_s]
         np.savez_compressed(
             kept_track,
             track=flown.track_m,
@@ -242,7 +242,7 @@ def main(arguments: Sequence[str]) -> int:
     rows = []
     for name in ("mock", "arducopter", "px4"):
         for seed in range(options.first, options.first + getattr(options, name)):
-            row = flown_row(name, seed, options.folder, ways=options.ways)
+            row = flown_row(name, seed, options.folder, paths=options.paths)
             rows.append(row)
             if not (row["within_10_m"] and row["foretold"]) or name != "mock":
                 print(json.dumps(row), file=sys.stderr, flush=True)

@@ -200,8 +200,8 @@ def _seeds() -> dict[str, list[str]]:
     coordinates = [[point.lon_deg, point.lat_deg] for point in (*ring, ring[0])]
     shape = {"type": "Polygon", "coordinates": [coordinates, coordinates]}
     feature = {"type": "Feature", "geometry": shape, "properties": {"name": "a"}}
-    places = " ".join(f"{lon},{lat},0" for lon, lat in coordinates)
-    linear = f"<LinearRing><coordinates>{places}</coordinates></LinearRing>"
+    positions = " ".join(f"{lon},{lat},0" for lon, lat in coordinates)
+    linear = f"<LinearRing><coordinates>{positions}</coordinates></LinearRing>"
     polygon = (
         f"<Polygon><outerBoundaryIs>{linear}</outerBoundaryIs><innerBoundaryIs>{linear}</innerBoundaryIs></Polygon>"
     )

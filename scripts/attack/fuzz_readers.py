@@ -22,8 +22,8 @@ from scripts.attack.fuzz_files import Target, check, of_latin, of_text
 from uavcover.cli.main import _one_line
 from uavcover.errors import InputError, UavcoverError
 from uavcover.extras.photos.lists import read_geo_txt, read_images_json, read_mrk, read_table
-from uavcover.extras.photos.picture import Picture
-from uavcover.extras.photos.readers import read_picture
+from uavcover.extras.photos.photo import Photo
+from uavcover.extras.photos.readers import read_photo
 from uavcover.new.catalog import CURVES
 from uavcover.scenario.airspace.zone_file import _of_text as read_zone_text
 
@@ -57,9 +57,9 @@ def try_zones(suffix: str) -> Callable[[str], None]:
 
 def _route_seeds() -> dict[str, list[str]]:
     points = ((33.2, -98.1, 30.5), (33.25, -98.15, 41.0), (33.3, -98.05, 25.0))
-    places = " ".join(f"{lon},{lat},{up}" for lat, lon, up in points)
+    positions = " ".join(f"{lon},{lat},{up}" for lat, lon, up in points)
     rows = "".join(f'<rtept lat="{lat}" lon="{lon}"><ele>{up}</ele></rtept>' for lat, lon, up in points)
-    line = f"<LineString><altitudeMode>absolute</altitudeMode><coordinates>{places}</coordinates></LineString>"
+    line = f"<LineString><altitudeMode>absolute</altitudeMode><coordinates>{positions}</coordinates></LineString>"
     marks = "".join(
         f"<Placemark><Point><coordinates>{lon},{lat}</coordinates></Point><index>{n}</index>"
         f"<executeHeight>{up}</executeHeight><waypointSpeed>{n + 3}</waypointSpeed></Placemark>"
@@ -137,7 +137,7 @@ def _in_file(name: str, read: Callable[[Path], None]) -> Callable[[bytes], None]
     return attempt
 
 
-def _check_picture(one: Picture) -> None:
+def _check_photo(one: Photo) -> None:
     """What was read of a picture can be reckoned with."""
     for name in ("lat_deg", "lon_deg", "alt_m", "time_s", "yaw_deg", "pitch_deg", "roll_deg", "exposure_s",
                  "horizontal_error_m", "vertical_error_m"):  # fmt: skip
@@ -146,19 +146,19 @@ def _check_picture(one: Picture) -> None:
     check(one.lacks() is None or bool(one.lacks()), "what a picture lacks has a name")
 
 
-def try_list(read: Callable[[Path], list[Picture]]) -> Callable[[Path], None]:
+def try_list(read: Callable[[Path], list[Photo]]) -> Callable[[Path], None]:
     """A list of pictures."""
 
     def attempt(path: Path) -> None:
         for one in read(path):
-            _check_picture(one)
+            _check_photo(one)
 
     return attempt
 
 
-def try_picture(path: Path) -> None:
+def try_photo(path: Path) -> None:
     """A picture."""
-    _check_picture(read_picture(path))
+    _check_photo(read_photo(path))
 
 
 def try_curve(path: Path) -> None:
@@ -167,7 +167,7 @@ def try_curve(path: Path) -> None:
     check(bool((table.probability >= 0.0).all() and (table.probability <= 1.0).all()), "a probability is one")
 
 
-def _pictures() -> list[bytes]:
+def _photos() -> list[bytes]:
     """Small pictures as cameras write them, in JPEG and TIFF."""
     image = Image.new("RGB", (32, 24))
     exif = Image.Exif()
@@ -195,15 +195,15 @@ def _pictures() -> list[bytes]:
     return out
 
 
-def _picture_targets() -> dict[str, Target]:
+def _photo_targets() -> dict[str, Target]:
     """By name, of pictures."""
     row = {
         "filename": "a.jpg", "latitude": 33.2, "longitude": -98.1, "altitude": 345.5, "utc_time": 1.7e12, "yaw": 12.0,
         "pitch": 0.5, "roll": -0.5, "width": 4000, "height": 3000, "camera_make": "DJI",
         "camera_model": "FC6310", "exposure_time": 0.001,
     }  # fmt: skip
-    place = "33.21912340,Lat\t-98.12400010,Lon\t345.678,Ellh"
-    mrk = f"1\t303505.678\t[2312]\t   1,N\t  -2,E\t 193,V\t{place}\t0.011, 0.012, 0.033\t50,Q\n"
+    position = "33.21912340,Lat\t-98.12400010,Lon\t345.678,Ellh"
+    mrk = f"1\t303505.678\t[2312]\t   1,N\t  -2,E\t 193,V\t{position}\t0.011, 0.012, 0.033\t50,Q\n"
     heads = "name;latitude;longitude;altitude;yaw;pitch;roll;time"
     table = f"{heads}\na.jpg;33.2;-98.1;345.5;12;-90;0;5.5\nb.jpg;33.3;-98.1;346;;;;\n"
     own = (
@@ -228,7 +228,7 @@ def _picture_targets() -> dict[str, Target]:
             name: Target(_in_file(file, read), [seed.encode() for seed in seeds], refusals, _one_line)
             for name, (file, read, seeds) in texts.items()
         },
-        "picture": Target(_in_file("a.jpg", try_picture), _pictures(), refusals, _one_line),
+        "picture": Target(_in_file("a.jpg", try_photo), _photos(), refusals, _one_line),
     }
 
 
@@ -282,4 +282,4 @@ def _wire_seeds() -> list[str]:
 
 def targets() -> dict[str, Target]:
     """By name."""
-    return {**_route_targets(), **_picture_targets(), "codec": of_latin(try_codec, _wire_seeds())}
+    return {**_route_targets(), **_photo_targets(), "codec": of_latin(try_codec, _wire_seeds())}

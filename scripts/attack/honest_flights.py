@@ -44,7 +44,7 @@ from mission_io.wire import messages as m
 from scripts.options import file_to_write, put_section
 from tests.falsify import command, commit
 from tests.falsifying.flown import read_flown
-from tests.falsifying.honest_run import NADIR, STABILISED, SURVEY, WIDE_PICTURE, Base, Field, make_site, save_lines
+from tests.falsifying.honest_run import NADIR, STABILISED, SURVEY, WIDE_PHOTO, Base, Field, make_site, save_lines
 from tests.falsifying.of_time import thinned
 from uavcover.flight.resume import find_unfinished, save_rest
 from uavcover.mock.body import GpsError
@@ -55,7 +55,7 @@ from uavcover.model.track import FlightFailedError
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.site import Site
 
-SENSORS = {"nadir": NADIR, "stabilised": STABILISED, "wide picture": WIDE_PICTURE}
+SENSORS = {"nadir": NADIR, "stabilised": STABILISED, "wide picture": WIDE_PHOTO}
 SURVEYED = "survey"
 Photos = Literal["none", "reported", "required", "silent"]
 """Whether single photos are taken, and what is known of them: reported; reported and required; taken without a word."""

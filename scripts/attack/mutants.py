@@ -165,11 +165,11 @@ def mutants_of(module: str) -> list[Mutant]:
     """All of a file's, in its order."""
     changer = _Changer()
     changer.visit(ast.parse((ROOT / module).read_text()))
-    seen: Counter[str] = Counter()
+    observed: Counter[str] = Counter()
     found = []
     for number, (line, change, lines) in enumerate(changer.found):
-        found.append(Mutant(module, line, change, seen[change], number, lines))
-        seen[change] += 1
+        found.append(Mutant(module, line, change, observed[change], number, lines))
+        observed[change] += 1
     return found
 
 

@@ -280,14 +280,14 @@ def summary(rows: Sequence[Row], among: int, command: str) -> str:
     killed = sum(row.killed for row in rows)
     late = sum(row.outcome == "timeout" for row in rows)
     same = sum(not row.killed and row.reason.startswith("equivalent") for row in rows)
-    share = killed / len(rows) if rows else 1.0
+    fraction = killed / len(rows) if rows else 1.0
     real = killed / (len(rows) - same) if len(rows) > same else 1.0
     commit = subprocess.run(
         ["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True
     ).stdout.strip()
     return (
         f"Command: `{command}`, {datetime.datetime.now(datetime.UTC):%Y-%m-%d}, commit {commit}. {len(rows)} of {among} mutants "
-        f"tried, drawn by the seed: {killed} killed ({100 * share:.1f} %), {late} of them because their tests took more than "
+        f"tried, drawn by the seed: {killed} killed ({100 * fraction:.1f} %), {late} of them because their tests took more than "
         f"{TIMES_AS_LONG:g} times as long as they should. {len(rows) - killed} survived; {same} of these do the same as the "
         f"code itself ({100 * real:.1f} % of the others were killed)."
     )
@@ -338,7 +338,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         else:
             rows.append(replace(row, line=mutant.line))
 
-    def told() -> str:
+    def reported() -> str:
         rows.sort(key=lambda row: (row.module, row.line, row.change, row.nth))
         words = summary(counted(rows), len(every), command)
         if chosen.out is not None:
@@ -352,12 +352,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{how:9} {seconds:6.1f} s {mutant.module}:{mutant.line}: {mutant.change} {test}", flush=True)
         with lock:
             rows.append(Row(mutant.module, mutant.line, mutant.change, mutant.nth, how, round(seconds, 1), test))
-            told()
+            reported()
 
     lock = threading.Lock()
     with ThreadPoolExecutor(chosen.processes) as pool:
         list(pool.map(_said_when_failing(attempt), untried))
-    print(told())
+    print(reported())
     return 0 if sum(row.killed for row in counted(rows)) >= ENOUGH * len(counted(rows)) else 1
 
 

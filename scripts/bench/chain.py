@@ -37,7 +37,7 @@ from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from tests.naive.coverage import first_seen as naive_first_seen  # noqa: E402
+from tests.naive.coverage import first_observed as naive_first_observed  # noqa: E402
 
 Row = tuple[str, str, str]
 
@@ -57,15 +57,17 @@ def coverage_rows() -> list[Row]:
     site = load_site("jacksboro")
     coverage = CoverageMap(site, cell_size_m=site.scenario.planning_cell_size_m)
     looks = coverage.observations(fly_layout(site, plain_boustrophedon(site)).waypoints_m)
-    coverage.seen_by(looks)
-    fast_s = best_s(lambda: coverage.seen_by(looks), 20)
+    coverage.observed_by(looks)
+    fast_s = best_s(lambda: coverage.observed_by(looks), 20)
     every = max(1, len(looks) // 3)
-    few = LevelObservations(looks.places_m[::every].copy(), looks.headings[::every].copy())
+    few = LevelObservations(looks.positions_m[::every].copy(), looks.headings[::every].copy())
     naive_s = best_s(
-        lambda: naive_first_seen(site.ground.surface, coverage.sight, coverage.grid.cells, few.places_m, few.headings),
+        lambda: naive_first_observed(
+            site.ground.surface, coverage.sight, coverage.grid.cells, few.positions_m, few.headings
+        ),
         1,
     )
-    few_s = best_s(lambda: coverage.seen_by(few), 20)
+    few_s = best_s(lambda: coverage.observed_by(few), 20)
     return [
         ("coverage of a whole route, jacksboro, 10 m cells", f"{1 / fast_s:.0f} a second", f"{len(looks)} looks"),
         (

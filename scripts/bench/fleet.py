@@ -37,13 +37,13 @@ def main() -> None:
         air_s = math.fsum(flight.compiled.flight_time_s for flight in flights)
         done = fleet_document(site, flights)
         one_s = air_s + site.scenario.fleet.turnaround_s * (len(flights) - 1)
-        makespan_s, one_s, share, apart_s = (
+        makespan_s, one_s, fraction, apart_s = (
             (one_s, one_s, 1.0, 0.0)
             if done is None
             else (done["makespan_s"], done["one_vehicle_s"], done["of_one_vehicle"], done["kept_apart_s"])
         )
         print(
-            f"| {vehicles} | {len(flights)} | {air_s:.0f} | {makespan_s:.0f} | {one_s:.0f} | {share:.3f} | {apart_s:.0f} "
+            f"| {vehicles} | {len(flights)} | {air_s:.0f} | {makespan_s:.0f} | {one_s:.0f} | {fraction:.3f} | {apart_s:.0f} "
             f"| {took_s:.1f} |"
         )
 

@@ -172,8 +172,8 @@ def stairs(count: int, step_m: float, rise_m: float) -> Made:
 def scattered(count: int, size_m: float, seed: int, *, rise_m: float = 0.0) -> Made:
     """Places at random."""
     rng = np.random.default_rng(seed)
-    places = rng.uniform(0.0, size_m, (count, 2))
-    return Made(np.column_stack([places, HEIGHT_M + rng.uniform(0.0, 1.0, count) * rise_m]))
+    positions = rng.uniform(0.0, size_m, (count, 2))
+    return Made(np.column_stack([positions, HEIGHT_M + rng.uniform(0.0, 1.0, count) * rise_m]))
 
 
 MADE: Mapping[str, Callable[[], Made]] = MappingProxyType(
@@ -235,7 +235,7 @@ def bundled(name: str, folder: Path) -> tuple[Site, FloatArray, float]:
     site = load_site(name)
     return (
         site,
-        np.array([[place["east_m"], place["north_m"], place["up_m"]] for place in waypoints]),
+        np.array([[position["east_m"], position["north_m"], position["up_m"]] for position in waypoints]),
         site.scenario.vehicle.cruise_speed_m_s,
     )
 

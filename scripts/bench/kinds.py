@@ -117,8 +117,8 @@ def simple_lines(site: Site) -> list[Route]:
     routes = []
     for turn in range(12):
         angle = long_side_angle_rad(site.area) + turn * math.pi / 12
-        for share in (0.5, 0.75, 0.95):
-            height_m = low + share * (high - low)
+        for fraction in (0.5, 0.75, 0.95):
+            height_m = low + fraction * (high - low)
             strip_m = 2.0 * max(site.scenario.sensor.half_width_m(height_m), site.scenario.area.cell_size_m)
             counts = {max(1, round(more * width_across_m(site, angle) / strip_m)) for more in np.linspace(0.7, 1.9, 10)}
             for lines in sorted(counts):
@@ -136,23 +136,23 @@ def best_lines_s(site: Site, plan: uc.Plan) -> float:
     coarse, fine = judging_map(site), finer_map(site)
     assert fine is not None
 
-    def seen(route: Route) -> float:
-        return fine.share_of_coverable(fine.seen(route.waypoints_m))
+    def observed(route: Route) -> float:
+        return fine.fraction_of_coverable(fine.observed(route.waypoints_m))
 
-    asked = seen(plan.chosen.route) - _EQUAL
+    asked = observed(plan.chosen.route) - _EQUAL
     found = [(b.route, b.metrics.mission_time_s or math.inf) for b in plan.baselines if b.violation <= 0.0]
     lines = evaluated(coarse, "lines", simple_lines(site), None)
-    coverable = coarse.share(coarse.coverable)
+    coverable = coarse.fraction(coarse.coverable)
     for each in sorted(lines, key=lambda b: float(b.objectives[2])):
         if (
             each.violation <= 0.0
             and -float(each.objectives[0]) >= (asked - 0.02) * coverable
-            and seen(each.route) >= asked
+            and observed(each.route) >= asked
         ):
             member = judge_member(coarse, each.route, "lines", margin_m=0.0)
             found.append((each.route, member.metrics.mission_time_s or math.inf))
             break
-    return min((time_s for route, time_s in found if seen(route) >= asked), default=math.nan)
+    return min((time_s for route, time_s in found if observed(route) >= asked), default=math.nan)
 
 
 def out_of_band_m(folder: Path, run: Path) -> float:
@@ -182,8 +182,8 @@ def recomputed_coverage(folder: Path, run: Path) -> float:
     """What a plan covers, by the check."""
     scenario = tomllib.loads((folder / "scenario.toml").read_text())
     waypoints = json.loads((run / "plan.json").read_text())["waypoints"]
-    share, _ = coverage_of(scenario, folder, waypoints, fewest_cells=_FEWEST_CELLS)
-    return float(share)
+    fraction, _ = coverage_of(scenario, folder, waypoints, fewest_cells=_FEWEST_CELLS)
+    return float(fraction)
 
 
 def _words(error: UavcoverError, folder: Path) -> str:

@@ -35,7 +35,7 @@ from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import load_site
 from uavcover.sensing.site_maps import judging_map, planning_map
 
-ASKED = 0.98
+REQUIRED = 0.98
 CELL_M = 10.0
 WAYS = {
     1000.0: ("1", "boustrophedon", "bound"),
@@ -63,7 +63,7 @@ def planned(side_m: float, parts: str, evaluations: int) -> Row:
         file, run = Path(folder) / "scenario.toml", Path(folder) / "run"
         file.write_text(dump_scenario(window(side_m, CELL_M)), encoding="utf-8")
         command = [sys.executable, "-m", "uavcover", "plan", str(file), "-o", str(run), "--parts", parts, "-q"]
-        command += ["--evaluations", str(evaluations), "--select", f"coverage>={ASKED}", "--workers", "2"]
+        command += ["--evaluations", str(evaluations), "--select", f"coverage>={REQUIRED}", "--workers", "2"]
         process = subprocess.Popen(command)
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
@@ -73,7 +73,9 @@ def planned(side_m: float, parts: str, evaluations: int) -> Row:
     found = document["metrics"]
     lines = [each for each in document["baselines"] if each["name"] == "boustrophedon-tuned"]
     rivals = [
-        each["mission_time_s"] for each in lines if each["coverage_of_coverable"] >= ASKED and each["violation"] <= 0.0
+        each["mission_time_s"]
+        for each in lines
+        if each["coverage_of_coverable"] >= REQUIRED and each["violation"] <= 0.0
     ]
     values = {
         "coverage": found["coverage_of_coverable"], "mission_s": found["mission_time_s"], "route_s": found["flight_time_s"],
@@ -88,11 +90,11 @@ def boustrophedon(side_m: float) -> Row:
     """The quickest of the scan that sees as much as is asked for."""
     site = load_site(window(side_m, CELL_M))
     coarse, fine = planning_map(site), judging_map(site)
-    asked = ASKED * coarse.share(coarse.coverable)
+    required = REQUIRED * coarse.fraction(coarse.coverable)
     tried = [each for each in boustrophedons(coarse) if each.violation <= 0.0 and each.name != RETURNING]
-    tried.sort(key=lambda each: (max(0.0, asked + float(each.objectives[0])), float(each.objectives[2])))
+    tried.sort(key=lambda each: (max(0.0, required + float(each.objectives[0])), float(each.objectives[2])))
     judged = [judge_member(fine, each.route, each.name, margin_m=0.0).metrics for each in tried[:_TRIED]]
-    enough = [each for each in judged if each.coverage_of_coverable >= ASKED]
+    enough = [each for each in judged if each.coverage_of_coverable >= REQUIRED]
     best = min(enough, key=lambda each: each.time_s)
     values = {
         "coverage": best.coverage_of_coverable, "mission_s": best.mission_time_s, "route_s": best.flight_time_s,
@@ -105,10 +107,10 @@ def bound(side_m: float) -> Row:
     """The length that no path is shorter than which sees as much."""
     coverage = judging_map(load_site(window(side_m, CELL_M)))
     begin_s = time.process_time()
-    least_m, parts = least_path_length_m(coverage, ASKED), lattice_parts(coverage, _BOUND_S)
-    priced = None if parts is None else price_ground(coverage, ASKED, parts=parts)
+    least_m, parts = least_path_length_m(coverage, REQUIRED), lattice_parts(coverage, _BOUND_S)
+    priced = None if parts is None else price_ground(coverage, REQUIRED, parts=parts)
     if priced is not None:
-        least_m = max(least_m, priced.least_length_m(ASKED))
+        least_m = max(least_m, priced.least_length_m(REQUIRED))
     return {"length_m": str(least_m), "cpu_s": str(time.process_time() - begin_s)}
 
 
@@ -139,7 +141,7 @@ def page(rows: list[Row], per_km2: int) -> str:
         length_m, work = float(row["length_m"]), f"{float(row['cpu_s']):.0f} s" if row["cpu_s"] else ""
         if row["way"] == "bound":
             lines.append(
-                f"| {km2:g} km² | no path is shorter | {100.0 * ASKED:g} % | | | | {length_m / 1e3:.1f} km | | | | | {work} | |"
+                f"| {km2:g} km² | no path is shorter | {100 * REQUIRED:g} % | | | | {length_m / 1e3:.1f} km | | | | | {work} | |"
             )
             continue
         over = f"+{100.0 * (length_m / bounds[row['side_m']] - 1.0):.1f} %" if row["side_m"] in bounds else ""

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from scripts.options import file_to_write
-from uavcover.kernels.annealing import Prices, Schedule, anneal
+from uavcover.kernels.annealing import Schedule, Weights, anneal
 from uavcover.missions.objectives import evaluate_routes
 from uavcover.model.area import Area
 from uavcover.model.limits import Home
@@ -105,7 +105,7 @@ def searched_map(site: Site, cell_m: float) -> CoverageMap:
 def usual_route(site: Site) -> Route:
     """What the local search begins with: balanced or straight lines, or 42 nodes."""
     if not site.scenario.sensor.looks_along_path:
-        return fly_rows(site, NodeRows(rows=6, columns=7, stagger=0.5, height_share=0.5))
+        return fly_rows(site, NodeRows(rows=6, columns=7, stagger=0.5, height_fraction=0.5))
     if can_be_adapted(site):
         routes = adaptive_swaths(site, long_side_angle_rad(site.area))
         return routes[len(routes) // 2]
@@ -120,9 +120,9 @@ def chain_on(coverage: CoverageMap) -> Chain:
     route = usual_route(site)
     capacity = 3 * len(route) + 100
     state = state_of(problem, route, capacity=capacity)
-    prices = Prices(problem.metres_per_cost(route), 0.03 * reach_m, 10.0 * route.length_m, 0.995)
-    hottest, _, coldest = (share * reach_m for share in HEATS)
-    return Chain(problem, state, prices, hottest, coldest, 0.4 * reach_m, 2, capacity)
+    weights = Weights(problem.metres_per_cost(route), 0.03 * reach_m, 10.0 * route.length_m, 0.995)
+    hottest, _, coldest = (fraction * reach_m for fraction in HEATS)
+    return Chain(problem, state, weights, hottest, coldest, 0.4 * reach_m, 2, capacity)
 
 
 def measure_cost(name: str, site: Site, cell_m: float) -> Row:
@@ -138,10 +138,10 @@ def measure_cost(name: str, site: Site, cell_m: float) -> Row:
         begin = time.process_time()
         evaluate_routes(coverage, [route])
         middle = time.process_time()
-        for share in HEATS:
-            heat = share * chain.hottest / HEATS[0]
+        for fraction in HEATS:
+            heat = fraction * chain.hottest / HEATS[0]
             schedule = Schedule(PROPOSALS, heat, heat, chain.step_m, chain.fewest, chain.most, TUNED.moves)
-            anneal(chain.problem.numbers, chain.prices, schedule, chain.state, rng)
+            anneal(chain.problem.numbers, chain.weights, schedule, chain.state, rng)
         if turn > 0:  # the first one waits for the compiler
             evaluations.append(middle - begin)
             proposals.append((time.process_time() - middle) / (PROPOSALS * len(HEATS)))

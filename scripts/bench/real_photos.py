@@ -25,7 +25,7 @@ import shapely
 from rasterio.transform import from_origin
 
 from scripts.options import existing_folder, file_to_write
-from uavcover.extras.photos.readers import read_pictures
+from uavcover.extras.photos.readers import read_photos
 
 ROOT = Path(__file__).resolve().parents[2]
 _METRES_PER_DEGREE, _SMOOTHED_M, _PIXEL_M, _AROUND_M = 111_195.0, 40.0, 20.0, 400.0
@@ -70,21 +70,21 @@ COLUMNS = (
 
 def ground_under(photos: Path, path: Path, height_agl_m: float) -> str:
     """Write elevation data under photos, and return the area around them."""
-    told = [p for p in read_pictures([photos]).pictures if p.lacks() is None]
-    places = np.array([(p.lon_deg, p.lat_deg, p.alt_m or 0.0) for p in told] or [(8.0, 46.0, 0.0)], dtype=float)
-    scale = _METRES_PER_DEGREE * np.array([np.cos(np.radians(places[:, 1].mean())), 1.0])
-    west, north = places[:, 0].min() - _AROUND_M / scale[0], places[:, 1].max() + _AROUND_M / scale[1]
-    width, height = np.ceil((np.ptp(places[:, :2], axis=0) * scale + 2 * _AROUND_M) / _PIXEL_M).astype(int)
+    reported = [p for p in read_photos([photos]).photos if p.lacks() is None]
+    positions = np.array([(p.lon_deg, p.lat_deg, p.alt_m or 0.0) for p in reported] or [(8.0, 46.0, 0.0)], dtype=float)
+    scale = _METRES_PER_DEGREE * np.array([np.cos(np.radians(positions[:, 1].mean())), 1.0])
+    west, north = positions[:, 0].min() - _AROUND_M / scale[0], positions[:, 1].max() + _AROUND_M / scale[1]
+    width, height = np.ceil((np.ptp(positions[:, :2], axis=0) * scale + 2 * _AROUND_M) / _PIXEL_M).astype(int)
     columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     nodes = np.array([west, north]) + np.column_stack([columns.ravel(), -rows.ravel()]) * _PIXEL_M / scale
-    squares = (((nodes[:, None] - places[:, :2]) * scale) ** 2).sum(axis=2)
+    squares = (((nodes[:, None] - positions[:, :2]) * scale) ** 2).sum(axis=2)
     weights = np.exp(-squares / (2 * _SMOOTHED_M**2)) + 1e-9 / (1.0 + squares)
-    ground = (weights @ places[:, 2] / weights.sum(axis=1) - height_agl_m).reshape(height, width)
+    ground = (weights @ positions[:, 2] / weights.sum(axis=1) - height_agl_m).reshape(height, width)
     transform = from_origin(west, north, *(_PIXEL_M / scale))
     grid = {"width": width, "height": height, "crs": "EPSG:4326", "transform": transform}
     with rasterio.open(path, "w", driver="GTiff", count=1, dtype="float32", **grid) as file:
         file.write(ground.astype(np.float32), 1)
-    return shapely.MultiPoint(places[:, :2]).buffer(10.0 / scale[1]).convex_hull.wkt
+    return shapely.MultiPoint(positions[:, :2]).buffer(10.0 / scale[1]).convex_hull.wkt
 
 
 def run(*command: str) -> subprocess.CompletedProcess[str]:
@@ -102,18 +102,19 @@ def judge(case: Case, folder: Path, work: Path) -> list[str]:
         rows, photos = photos.read_text().split("\n"), work / photos.name
         photos.write_text("\n".join(r for r in rows if not any(name in r for group in groups for name in group)))
     dem = ("--dem", work / "ground.tif", "--vertical-datum", "EGM96", "--no-refly", "--json", "-o", work / "out")
-    asked = (photos, "--area", folder / case.area if case.area else area, *case.options.split(), *dem)
+    required = (photos, "--area", folder / case.area if case.area else area, *case.options.split(), *dem)
     began = time.monotonic()
-    ended = run(sys.executable, "-m", "uavcover", "judge-photos", *map(str, asked))
+    ended = run(sys.executable, "-m", "uavcover", "judge-photos", *map(str, required))
     seconds = f"{time.monotonic() - began:.0f}"
     if ended.returncode not in (0, 1):
         return [case.name, *[""] * 2, f"refused: {ended.stderr.splitlines()[-1][7:]}", *[""] * 5, seconds]
-    told = json.loads(ended.stdout)
-    missing = told["missing_photos"]
+    reported = json.loads(ended.stdout)
+    missing = reported["missing_photos"]
     found = sum(any(one["after"] < name < one["before"] for one in missing for name in group) for group in groups)
     return [
-        case.name, str(told["counted"]), str(told["looks"]), told["verdict"], f"{100.0 * told['overlap_fraction']:.2f} %",
-        f"{sum(gap['area_m2'] for gap in told['gaps']):.0f}", str(sum(one["photos"] for one in missing)), str(len(missing)),
+        case.name, str(reported["counted"]), str(reported["looks"]), reported["verdict"],
+        f"{100.0 * reported['overlap_fraction']:.2f} %",
+        f"{sum(gap['area_m2'] for gap in reported['gaps']):.0f}", str(sum(one["photos"] for one in missing)), str(len(missing)),
         f"{found} of {len(groups)}" if groups else "", seconds,
     ]  # fmt: skip
 

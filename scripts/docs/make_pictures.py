@@ -56,19 +56,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=existing_folder, metavar="DIR")
     parser.add_argument("sources", nargs="+", type=named, metavar="NAME=FILE")
-    asked = parser.parse_args()
+    requested = parser.parse_args()
     with tempfile.TemporaryDirectory() as profile, chromium_page(Path(profile)) as page:
         shot = Path(profile) / "shot.png"
-        for name, file in asked.sources:
+        for name, file in requested.sources:
             if file.suffix != ".html":
-                save(file, asked.folder / f"{name}.webp", WIDTH)
+                save(file, requested.folder / f"{name}.webp", WIDTH)
                 continue
             for width in (WIDTH, PHONE) if name == "demo-report" else (WIDTH,):
                 page.open(file, width=width)
                 page.run(LAYER)
                 page.run(SETTLE)
                 ending = "-phone" if width == PHONE else ""
-                save(page.screenshot(shot), asked.folder / f"{name}{ending}.webp", width)
+                save(page.screenshot(shot), requested.folder / f"{name}{ending}.webp", width)
         if page.complaints:
             raise SystemExit(f"the browser complains: {page.complaints}")
 

@@ -132,11 +132,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--root", type=Path, default=Path(__file__).resolve().parents[2])
     parser.add_argument("--json", action="store_true")
-    asked = parser.parse_args()
-    if not (asked.root / "pyproject.toml").is_file():
-        parser.error(f"--root {asked.root}: no pyproject.toml in it; name a checkout")
-    figures = measured(asked.root)
-    print(json.dumps(figures, indent=2) if asked.json else "\n".join(f"{v!s:>8}  {k}" for k, v in figures.items()))
+    requested = parser.parse_args()
+    if not (requested.root / "pyproject.toml").is_file():
+        parser.error(f"--root {requested.root}: no pyproject.toml in it; name a checkout")
+    figures = measured(requested.root)
+    print(json.dumps(figures, indent=2) if requested.json else "\n".join(f"{v!s:>8}  {k}" for k, v in figures.items()))
 
 
 if __name__ == "__main__":

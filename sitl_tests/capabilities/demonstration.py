@@ -41,21 +41,21 @@ def _judged(case: Case, run: Path, flown: dict[str, Any]) -> Finding:
     logs = case.vehicle.log_files()
     by_log = _uavcover(case, "verify", str(run), "--log", str(logs[-1])) if logs else None
     verdict = _uavcover(case, "verify", str(run))
-    planned, seen = 100.0 * verdict["planned_coverage_fraction"], 100.0 * verdict["coverage_fraction"]
-    require(planned - seen <= MOST_LOST_POINTS, f"planned {planned:.2f} %, flown {seen:.2f} % of the area")
+    planned, observed = 100.0 * verdict["planned_coverage_fraction"], 100.0 * verdict["coverage_fraction"]
+    require(planned - observed <= MOST_LOST_POINTS, f"planned {planned:.2f} %, flown {observed:.2f} % of the area")
     violations = [violation["kind"] for violation in verdict["violations"]]
     require(not violations, f"violations: {', '.join(violations)}")
     own_log = ""
     if by_log is not None:
         by_log_percent = 100.0 * by_log["coverage_fraction"]
         require(
-            abs(by_log_percent - seen) <= _LOG_POINTS,
-            f"flown {seen:.2f} % by the track, {by_log_percent:.2f} % by the log",
+            abs(by_log_percent - observed) <= _LOG_POINTS,
+            f"flown {observed:.2f} % by the track, {by_log_percent:.2f} % by the log",
         )
         own_log = f" ({by_log_percent:.2f} % by the autopilot's own log)"
     return Finding(
         WORKS,
-        f"coverage planned {planned:.2f} %, flown {seen:.2f} %{own_log}; {verdict['min_height_agl_m']:.1f} to "
+        f"coverage planned {planned:.2f} %, flown {observed:.2f} %{own_log}; {verdict['min_height_agl_m']:.1f} to "
         f"{verdict['max_height_agl_m']:.1f} m above ground on the route, deviation at most "
         f"{verdict['max_deviation_m']:.1f} m; {flown['duration_s']:.0f} s of vehicle time, {flown['samples']} samples",
     )

@@ -63,20 +63,20 @@ def rally_return(case: Case) -> Finding:
     with Relay(case.vehicle.url, seed=case.seed) as relay, case.station(relay.url) as station:
         rally = station.client.upload_and_verify(rally_points(case.vehicle.home, (_RALLY_M,)))
         require(rally.passed, "the rally point was read back changed")
-        told: list[FlightEvent] = []
+        reported: list[FlightEvent] = []
 
         def cut(event: FlightEvent) -> None:
-            if event.kind is EventKind.WAYPOINT and event.waypoint == 1 and not told:
-                told.append(event)
+            if event.kind is EventKind.WAYPOINT and event.waypoint == 1 and not reported:
+                reported.append(event)
                 relay.cut_to_vehicle()
 
         outcome, path = fly_mission(case, station, route_mission(case.vehicle.home, _AWAY_M), on_event=cut)
         reaction = _reaction(station)
     east, north, up = path.last_m
     said = f"it {reaction} to {east:.0f} m east, {north:.0f} m north, {up:.0f} m up; our side calls it {outcome.ending.key}"
-    places = {"rally": _RALLY_M, "home": (0.0, 0.0), "flies-on": _AWAY_M[-1]}
-    for word, place in places.items():
-        if np.hypot(east - place[0], north - place[1]) <= _NEAR_M and (up <= _NEAR_M or word == "flies-on"):
+    positions = {"rally": _RALLY_M, "home": (0.0, 0.0), "flies-on": _AWAY_M[-1]}
+    for word, position in positions.items():
+        if np.hypot(east - position[0], north - position[1]) <= _NEAR_M and (up <= _NEAR_M or word == "flies-on"):
             return Finding(word, said)
     return Finding("elsewhere", said)
 

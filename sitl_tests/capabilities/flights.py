@@ -66,7 +66,7 @@ def terrain_flight(case: Case) -> Finding:
     """It arms for a mission above terrain because our side answers its requests for the ground, and flies it."""
     home = case.vehicle.home
     # The simulator's ground is flat, and its time runs fast.
-    answers = TerrainAnswers(lambda places: [home.alt_amsl_m] * len(places), parts_per_s=1000.0)
+    answers = TerrainAnswers(lambda positions: [home.alt_amsl_m] * len(positions), parts_per_s=1000.0)
     mission = route_mission(home)
     above = tuple(
         replace(item, frame=Frame.ABOVE_TERRAIN) if item.command == Command.NAV_WAYPOINT else item
@@ -81,8 +81,8 @@ def terrain_flight(case: Case) -> Finding:
     _require_landed(case, outcome)
     held = [item for item in case.held(MissionType.MISSION) if item.frame is Frame.ABOVE_TERRAIN]
     require(bool(held), "the vehicle holds no item above terrain")
-    places = [frame_at(home).enu_from_geodetic(i.lat_deg, i.lon_deg, home.alt_amsl_m + i.alt_m)[0] for i in held]
-    worst_m = require_flown(path, [(float(e), float(n), float(u)) for e, n, u in places])
+    positions = [frame_at(home).enu_from_geodetic(i.lat_deg, i.lon_deg, home.alt_amsl_m + i.alt_m)[0] for i in held]
+    worst_m = require_flown(path, [(float(e), float(n), float(u)) for e, n, u in positions])
     counts = answers.counts
     require(counts.parts_sent > 0 and not counts.refused, f"its requests were not answered: {counts}")
     return Finding(

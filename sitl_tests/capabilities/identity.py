@@ -119,10 +119,10 @@ def force_disarm(case: Case) -> Finding:
         outcome, path = fly_mission(case, station, route_mission(case.vehicle.home), on_event=disarm)
     require(answers == ["accepted"], f"the forced disarm was answered {answers}")
     highest_m, lowest_m = max(up for _, _, up in path.enu_m), path.last_m[2]
-    told = next((line for line in reversed(case.events) if "fly ended with" in line), "")
+    reported = next((line for line in reversed(case.events) if "fly ended with" in line), "")
     if outcome.ending is Ending.CRASHED:
-        require("m above home" in told or "m above the ground" in told, f"the height is missing: {told}")
-    return Finding(outcome.ending.key, f"flown at {highest_m:.0f} m, last told at {lowest_m:.0f} m; {told}")
+        require("m above home" in reported or "m above the ground" in reported, f"the height is missing: {reported}")
+    return Finding(outcome.ending.key, f"flown at {highest_m:.0f} m, last told at {lowest_m:.0f} m; {reported}")
 
 
 def _state(case: Case) -> tuple[bool, int, tuple[str, ...]]:

@@ -76,8 +76,8 @@ def home_moved_return(case: Case) -> Finding:
 
 def _lower(case: Case, second: Station) -> None:
     home = case.vehicle.home
-    place = (home.lat_deg, home.lon_deg, home.alt_amsl_m - _LOWER_M)
-    second.client.command(Command.DO_SET_HOME, 0.0, 0.0, 0.0, 0.0, *place)
+    position = (home.lat_deg, home.lon_deg, home.alt_amsl_m - _LOWER_M)
+    second.client.command(Command.DO_SET_HOME, 0.0, 0.0, 0.0, 0.0, *position)
 
 
 def setting_changed(case: Case) -> Finding:
@@ -109,10 +109,10 @@ def _changed(case: Case, change: Callable[[Station], object]) -> Finding:
 
         outcome, _ = fly_mission(case, first, route_mission(case.vehicle.home), on_event=interfere, plan=_turning)
     require(bool(changed_s), f"it never flew to the second waypoint: {case.events[-1]}")
-    return Finding(outcome.ending.key, _told(outcome, changed_s[0]))
+    return Finding(outcome.ending.key, _reported(outcome, changed_s[0]))
 
 
-def _told(outcome: FlightOutcome, changed_s: float) -> str:
+def _reported(outcome: FlightOutcome, changed_s: float) -> str:
     if not outcome.incidents:
         return "nothing was told"
     first = outcome.incidents[0]

@@ -67,8 +67,8 @@ def mission_lowered(case: Case) -> Finding:
     changed = [incident for incident in outcome.incidents if incident.kind is Ending.MISSION_CHANGED]
     require(bool(lowered_s), "it never flew to the second waypoint")
     require(bool(changed), f"the change was not told; it ended with {outcome.ending.key}")
-    told = any(f"{_LOWERED_M:.2f} m lower" in event for event in case.events)
-    require(told, f"how much lower was not told: {changed[0].text}")
+    reported = any(f"{_LOWERED_M:.2f} m lower" in event for event in case.events)
+    require(reported, f"how much lower was not told: {changed[0].text}")
     after_s = (changed[0].begin_s or 0.0) - lowered_s[0]
     return Finding(outcome.ending.key, f"told {after_s:.1f} s after the upload began: {changed[0].text}")
 

@@ -71,10 +71,10 @@ def defaults_file(program: Program) -> Path:
         SimulatorError: there are none.
     """
     named = os.environ.get(program.defaults_variable)
-    places = [Path(named)] if named else [parent / program.defaults for parent in binary(program).parents]
-    for place in places:
-        if place.is_file():
-            return place.resolve()
+    locations = [Path(named)] if named else [parent / program.defaults for parent in binary(program).parents]
+    for path in locations:
+        if path.is_file():
+            return path.resolve()
     raise SimulatorError(
         f"no default parameters beside {binary(program)}; set {program.defaults_variable} to a {program.defaults.name}"
     )

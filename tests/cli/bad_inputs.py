@@ -17,7 +17,7 @@ from tests.terrain.dem_files import write_dem
 
 SIZE_M = 400.0
 # Latitude, longitude, system and pixels of the elevation model, ground at 0 in metres above sea level.
-PLACES = {
+POSITIONS = {
     "Alps, UTM, 2,500 m": (46.55, 8.03, 32632, 10.0, 1900.0),
     "Alps, the Swiss grid": (46.55, 8.03, 2056, 10.0, 1000.0),
     "Tennessee, one arc second": (36.48, -84.22, 4326, 30.0, 0.0),
@@ -28,9 +28,9 @@ PLACES = {
 }
 
 
-def square_parts(place, hole=True):
+def square_parts(position, hole=True):
     """A square of SIZE_M with a hole, in longitude and latitude."""
-    lat, lon = PLACES[place][:2]
+    lat, lon = POSITIONS[position][:2]
     half = 0.5 * SIZE_M / 111_195.0
     across = half / np.cos(np.radians(lat))
     inner = [(lon + 0.3 * x * across, lat + 0.3 * y * half) for x, y in ((-1, -1), (-1, 1), (1, 1), (1, -1))]
@@ -39,8 +39,8 @@ def square_parts(place, hole=True):
     return [shapely.Polygon(wrapped[0], [wrapped[1]] if hole else [])]
 
 
-def dem_at(folder, place, *, steepest=0.35):
-    lat, lon, epsg, pixel_m, level_m = PLACES[place]
+def dem_at(folder, position, *, steepest=0.35):
+    lat, lon, epsg, pixel_m, level_m = POSITIONS[position]
     lon = 179.95 if lon == 180.0 and epsg == 4326 else lon
     path = write_dem(
         folder / "dem.tif", np.random.default_rng(3), lat_deg=lat, lon_deg=lon, epsg=epsg, pixel_m=pixel_m, size_m=1600.0,
@@ -225,12 +225,12 @@ def arguments_of(what: str, prepared: Path, folder: Path) -> tuple[list[object],
         # 36 degrees east of Greenwich and 84 degrees south is a place too: only the elevation model knows better.
         written.geojson(folder / "swapped.geojson", swapped)
     if what == "a picture":
-        picture = np.zeros((3, 8, 8), dtype=np.uint8)
+        photo = np.zeros((3, 8, 8), dtype=np.uint8)
         with rasterio.open(
             folder / "photo.tif", "w", driver="GTiff", width=8, height=8, count=3, dtype="uint8", crs="EPSG:4326",
             transform=Affine(0.025, 0.0, -84.3, 0.0, -0.025, 36.6),
         ) as file:  # fmt: skip
-            file.write(picture)
+            file.write(photo)
     names = {
         "AREA": (prepared / "area.kml",), "DEM": (prepared / "dem.tif",), "OPTIONS": options(prepared / "dem.tif"),
         "SWAPPED": (folder / "swapped.geojson",), "PICTURE": (folder / "photo.tif",), "MODEL": (folder / "model.tif",),

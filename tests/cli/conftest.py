@@ -90,12 +90,12 @@ def started(arguments: list[str], **options: Any) -> Iterator[subprocess.Popen[s
 def wait_for_line(process: subprocess.Popen[str], text: str) -> str:
     """Read stdout up to the line that contains a text."""
     assert process.stdout is not None
-    seen = ""
+    observed = ""
     for line in process.stdout:
-        seen += line
+        observed += line
         if text in line:
             return line
-    raise AssertionError(f"{text!r} never came: {seen}")
+    raise AssertionError(f"{text!r} never came: {observed}")
 
 
 @contextmanager

@@ -43,9 +43,9 @@ class Relay:
         while not self._stop.is_set():
             for ready in select.select([self._ground, self._vehicle], [], [], 0.05)[0]:
                 try:
-                    data, place = ready.recvfrom(65535)
+                    data, position = ready.recvfrom(65535)
                     if ready is self._ground:
-                        ground = place
+                        ground = position
                         if data[0] == 0xFD and int.from_bytes(data[7:10], "little") == MISSION_ITEM_INT:
                             items += 1
                             self._on_item(items)

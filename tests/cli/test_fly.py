@@ -141,10 +141,10 @@ def test_vehicle_that_dies_in_flight(cli: Cli, planned: Path) -> None:
         url = upload(cli, planned, port)
         with started(command("fly", planned, "--to", url, "--json", "--link-lost", 5)) as process:
             assert process.stderr is not None
-            seen = next(line for line in process.stderr if "in the air" in line)
+            observed = next(line for line in process.stderr if "in the air" in line)
             vehicle.kill()
             out, err = process.communicate(timeout=WATCHDOG_S)
-    assert seen
+    assert observed
     assert process.returncode == 3
     assert "warning: no messages from vehicle 1 for 3." in err
     document = json.loads(out)

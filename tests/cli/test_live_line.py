@@ -52,28 +52,28 @@ def on_a_terminal(*arguments: str) -> tuple[str, str]:
         [sys.executable, "-c", CHILD, *arguments], stdout=subprocess.PIPE, stderr=theirs, text=True, env=environment
     ) as child:
         os.close(theirs)
-        seen = b""
+        observed = b""
         try:
             while data := os.read(ours, 4096):
-                seen += data
+                observed += data
         except OSError:  # the terminal is closed
             pass
         out, _ = child.communicate(timeout=WATCHDOG_S)
     os.close(ours)
-    return seen.decode(), out
+    return observed.decode(), out
 
 
 def test_on_a_terminal_it_is_one_line_that_changes_in_place() -> None:
-    seen, out = on_a_terminal("--json")
-    assert "waypoint 4 of 5" in seen
-    assert "\x1b[2K" in seen, "it is drawn over"
-    assert 12 * "long " not in seen, "it is cut to the width"
+    observed, out = on_a_terminal("--json")
+    assert "waypoint 4 of 5" in observed
+    assert "\x1b[2K" in observed, "it is drawn over"
+    assert 12 * "long " not in observed, "it is cut to the width"
     assert out == '{"ended": true}\n'
 
 
 def test_events_stand_above_it() -> None:
-    seen, _ = on_a_terminal("--json")
-    assert "\x1b[2K  3.0 s an event" in seen
+    observed, _ = on_a_terminal("--json")
+    assert "\x1b[2K  3.0 s an event" in observed
 
 
 def test_without_a_terminal_one_every_30_s(capsys: pytest.CaptureFixture[str]) -> None:

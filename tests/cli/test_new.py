@@ -12,13 +12,13 @@ from rasterio.transform import Affine
 
 from mission_io.model.items import Command
 from tests.cli import bad_inputs
-from tests.cli.bad_inputs import PLACES, SIZE_M, dem_at, options, square_parts
+from tests.cli.bad_inputs import POSITIONS, SIZE_M, dem_at, options, square_parts
 from tests.scenario.areas import written
 from uavcover.planner.command import PlanRequest, plan_into
 from uavcover.run.user import Unattended
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import load_site
-from uavcover.sensing.pictures import FLOWN_OVERLAP_FRACTION, count_pictures, picture_statistics, planned_poses
+from uavcover.sensing.photos import FLOWN_OVERLAP_FRACTION, count_photos, photo_statistics, planned_poses
 from uavcover.sensing.site_maps import judging_map
 
 
@@ -30,12 +30,12 @@ def tennessee(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("position", POSITIONS)
 @pytest.mark.parametrize("form", ["kml", "geojson"])
 @pytest.mark.thinned(strength=1)
-def test_a_foreign_place_is_one_command(cli, tmp_path, place, form):
-    dem = dem_at(tmp_path, place)
-    area = getattr(written, form)(tmp_path / f"area.{form}", square_parts(place))
+def test_a_foreign_place_is_one_command(cli, tmp_path, position, form):
+    dem = dem_at(tmp_path, position)
+    area = getattr(written, form)(tmp_path / f"area.{form}", square_parts(position))
     ended = cli("new", area, *options(dem), "--battery", "25min", "-o", tmp_path / "survey.toml", "--json", code=0)
     site = load_site(tmp_path / "survey.toml")
     document = ended.document
@@ -139,24 +139,24 @@ def test_lists(cli):
     assert "dji-m350-rtk" in cli("new", "--vehicle", "list", "--json").document["vehicles"]
 
 
-def with_lake(folder, place, *, half_m):
+def with_lake(folder, position, *, half_m):
     """The elevation model with a square without data in the middle."""
-    path = dem_at(folder, place, steepest=0.2)
+    path = dem_at(folder, position, steepest=0.2)
     with rasterio.open(path, "r+") as file:
         values = file.read(1)
-        middle, half = len(values) // 2, round(half_m / PLACES[place][3])
+        middle, half = len(values) // 2, round(half_m / POSITIONS[position][3])
         values[middle - half : middle + half, middle - half : middle + half] = -9999.0
         file.nodata = -9999.0
         file.write(values, 1)
     return path
 
 
-LAKE_PLACE = "southern hemisphere, UTM"
+LAKE_POSITION = "southern hemisphere, UTM"
 
 
 def test_a_lake_in_a_hole_does_not_matter(cli, tmp_path):
-    dem = with_lake(tmp_path, LAKE_PLACE, half_m=50.0)
-    area = written.kml(tmp_path / "a.kml", square_parts(LAKE_PLACE))
+    dem = with_lake(tmp_path, LAKE_POSITION, half_m=50.0)
+    area = written.kml(tmp_path / "a.kml", square_parts(LAKE_POSITION))
     ended = cli("new", area, *options(dem), "-o", tmp_path / "s.toml", code=0)
     assert "gaps of up to 130 m in holes of the area" in ended.err
     site = load_site(tmp_path / "s.toml")
@@ -165,8 +165,8 @@ def test_a_lake_in_a_hole_does_not_matter(cli, tmp_path):
 
 
 def test_a_lake_in_the_area_is_asked_about(cli, tmp_path):
-    dem = with_lake(tmp_path, LAKE_PLACE, half_m=50.0)
-    area = written.kml(tmp_path / "a.kml", square_parts(LAKE_PLACE, hole=False))
+    dem = with_lake(tmp_path, LAKE_POSITION, half_m=50.0)
+    area = written.kml(tmp_path / "a.kml", square_parts(LAKE_POSITION, hole=False))
     ended = cli("new", area, *options(dem), "-o", tmp_path / "s.toml", code=2)
     assert (
         "interpolate the gap with --fill-lakes 130m, treat it as the sea with --water-height 0m, exclude it from the area"
@@ -177,7 +177,7 @@ def test_a_lake_in_the_area_is_asked_about(cli, tmp_path):
 
 
 def test_tiles_bands_and_feet_reach_the_scenario(cli, tmp_path):
-    dem = dem_at(tmp_path, LAKE_PLACE, steepest=0.2)
+    dem = dem_at(tmp_path, LAKE_POSITION, steepest=0.2)
     with rasterio.open(dem) as file:
         values, profile = file.read(1), file.profile
     (tmp_path / "tiles").mkdir()
@@ -192,12 +192,12 @@ def test_tiles_bands_and_feet_reach_the_scenario(cli, tmp_path):
             out.write(np.zeros_like(part), 1)
             out.write(part, 2)
             out.set_band_description(2, "Elevation")
-    area = written.kml(tmp_path / "a.kml", square_parts(LAKE_PLACE))
-    ways = (
+    area = written.kml(tmp_path / "a.kml", square_parts(LAKE_POSITION))
+    paths = (
         ("--dem", tmp_path / "tiles"),
         ("--dem", tmp_path / "tiles" / "north.tif", "--dem", tmp_path / "tiles" / "south.tif"),
     )
-    for number, dems in enumerate(ways):
+    for number, dems in enumerate(paths):
         path = tmp_path / f"{number}.toml"
         ended = cli(
             "new",
@@ -217,9 +217,9 @@ def test_tiles_bands_and_feet_reach_the_scenario(cli, tmp_path):
         )
         cli("new", area, *options(dem), "-o", tmp_path / "whole.toml", "--force", code=0)
         tiles, whole = load_site(path), load_site(tmp_path / "whole.toml")
-        places = np.random.default_rng(1).uniform(-250.0, 250.0, (500, 2))
-        assert np.allclose(tiles.ground.heights_m(places), whole.ground.heights_m(places), atol=1e-3)
-    ended = cli("new", area, *ways[0], "--camera", "m3e", "--gsd", "3cm", "--band", "dtm", "-o", tmp_path / "b.toml")
+        positions = np.random.default_rng(1).uniform(-250.0, 250.0, (500, 2))
+        assert np.allclose(tiles.ground.heights_m(positions), whole.ground.heights_m(positions), atol=1e-3)
+    ended = cli("new", area, *paths[0], "--camera", "m3e", "--gsd", "3cm", "--band", "dtm", "-o", tmp_path / "b.toml")
     assert "has no band 'dtm'; set terrain.band to one of: 1, 2 Elevation" in ended.error
 
 
@@ -323,19 +323,19 @@ def test_plan_takes_an_area_and_leaves_a_scenario_of_its_own(cli, tennessee, tmp
     assert "an area also requires --dem dem.tif" in cli("plan", tennessee / "area.kml", "-o", tmp_path / "c").error
 
 
-def pictures_per_place(site, route_m, every_m, places):
+def photos_per_position(site, route_m, every_m, positions):
     """How many pictures show each place, counted without the project's own geometry: pin-hole cameras that look straight down."""
     sensor = site.scenario.sensor
     across, along = (np.tan(np.radians(0.5 * angle)) for angle in (sensor.fov_across_deg, sensor.fov_along_deg))
-    ground = site.ground.heights_m(places)
-    counts = np.zeros(len(places), dtype=int)
+    ground = site.ground.heights_m(positions)
+    counts = np.zeros(len(positions), dtype=int)
     to_go = 0.0
     for begin, end in itertools.pairwise(route_m):
         length = float(np.linalg.norm(end - begin))
         ahead = (end - begin)[:2] / max(float(np.linalg.norm((end - begin)[:2])), 1e-9)
         while to_go <= length:
             eye = begin + (end - begin) * (to_go / max(length, 1e-9))
-            offset, depth = places - eye[:2], eye[2] - ground
+            offset, depth = positions - eye[:2], eye[2] - ground
             counts += (np.abs(offset @ ahead) <= along * depth) & (
                 np.abs(offset @ [ahead[1], -ahead[0]]) <= across * depth
             )
@@ -347,28 +347,28 @@ def pictures_per_place(site, route_m, every_m, places):
 @pytest.mark.parametrize(("overlap", "needed", "hole"), [("75/70", 4 * 3, True), ("60/50", 2 * 2, False)])
 def test_the_overlap_that_was_asked_for_holds_up_to_the_edge(cli, tmp_path, overlap, needed, hole):
     """At least floor(1 / (1 - f)) pictures along the line times floor(1 / (1 - s)) lines on 99 % of what was drawn."""
-    place = "southern hemisphere, UTM"
-    dem, area = dem_at(tmp_path, place), written.kml(tmp_path / "a.kml", square_parts(place, hole=hole))
+    position = "southern hemisphere, UTM"
+    dem, area = dem_at(tmp_path, position), written.kml(tmp_path / "a.kml", square_parts(position, hole=hole))
     cli("new", area, *options(dem), "--overlap", overlap, "-o", tmp_path / "s.toml", code=0)
     site = load_site(tmp_path / "s.toml")
     request = PlanRequest(
         scenario=site, folder=tmp_path / "run", command=["test"], force=False, evaluations=50, workers=1
     )  # fmt: skip
     outcome = plan_into(request, Unattended(), check_site=lambda _: None)
-    (part,) = square_parts(place, hole=hole)
+    (part,) = square_parts(position, hole=hole)
     drawn = shapely.transform(part, lambda p: site.frame.enu_from_geodetic(p[:, 1], p[:, 0], 0.0)[:, :2])
     west, south, east, north = drawn.bounds
-    places = np.stack(np.meshgrid(np.arange(west, east, 9.0), np.arange(south, north, 9.0)), axis=-1).reshape(-1, 2)
-    places = places[shapely.contains_xy(drawn, places[:, 0], places[:, 1])]
+    positions = np.stack(np.meshgrid(np.arange(west, east, 9.0), np.arange(south, north, 9.0)), axis=-1).reshape(-1, 2)
+    positions = positions[shapely.contains_xy(drawn, positions[:, 0], positions[:, 1])]
     sensor, limits = site.scenario.sensor, site.scenario.limits
     length_m = 2.0 * np.tan(np.radians(0.5 * sensor.fov_along_deg)) * limits.min_height_agl_m
-    counts = pictures_per_place(
-        site, outcome.plan.chosen.route.waypoints_m, (1.0 - sensor.forward_overlap) * length_m, places
+    counts = photos_per_position(
+        site, outcome.plan.chosen.route.waypoints_m, (1.0 - sensor.forward_overlap) * length_m, positions
     )
     assert float((counts >= needed).mean()) >= 0.99
     # What the report says of the plan: the same rule, the same share.
     coverage, route_m = judging_map(site), outcome.plan.chosen.route.waypoints_m
-    stated = picture_statistics(coverage, count_pictures(coverage, planned_poses(coverage, [route_m])))
+    stated = photo_statistics(coverage, count_photos(coverage, planned_poses(coverage, [route_m])))
     assert stated.asked == needed
     assert stated.overlap_holds
     # What is asked for, and kept by the plan, is asked of the flight.

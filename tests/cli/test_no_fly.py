@@ -15,16 +15,16 @@ from uavcover.cli.new import SurveyOptions
 from uavcover.cli.options import Output
 from uavcover.cli.plan import _site as site_of_plan
 from uavcover.model.route import RouteMetrics
-from uavcover.planner.plan_words import say_zones
+from uavcover.planner.plan_messages import print_zones
 from uavcover.scenario.scenario_file import dump_scenario, load_scenario, parse_scenario
 from uavcover.scenario.site import load_site
 
-PLACES = ["across 180 degrees"]
+POSITIONS = ["across 180 degrees"]
 
 
-def zones_near(place, folder):
+def zones_near(position, folder):
     """ED-269: a circle inside of the area, a square at its corner, and one 100 km away."""
-    (outline,) = square_parts(place, hole=False)
+    (outline,) = square_parts(position, hole=False)
     ring = np.asarray(outline.exterior.coords)
     lons = np.where(ring[:, 0] < 0.0, ring[:, 0] + 360.0, ring[:, 0]) if np.ptp(ring[:, 0]) > 180.0 else ring[:, 0]
     lon, lat = float(lons[:-1].mean()), float(ring[:-1, 1].mean())
@@ -63,11 +63,11 @@ def zones_near(place, folder):
     return path
 
 
-@pytest.mark.parametrize("place", PLACES)
-def test_a_survey_beside_no_fly_zones_is_one_command(cli, tmp_path, place):
-    dem = dem_at(tmp_path, place)
-    area = written.geojson(tmp_path / "area.geojson", square_parts(place))
-    zones = zones_near(place, tmp_path)
+@pytest.mark.parametrize("position", POSITIONS)
+def test_a_survey_beside_no_fly_zones_is_one_command(cli, tmp_path, position):
+    dem = dem_at(tmp_path, position)
+    area = written.geojson(tmp_path / "area.geojson", square_parts(position))
+    zones = zones_near(position, tmp_path)
     ended = cli(
         "plan",
         area,
@@ -92,8 +92,8 @@ def test_a_survey_beside_no_fly_zones_is_one_command(cli, tmp_path, place):
     # Every place of the mission as a file, far more densely than anybody flies it.
     items = [item for item in document.mission.items if item.command in (16, 21, 22)]
     lats, lons = np.array([(item.lat_deg, item.lon_deg) for item in items]).T
-    places = site.frame.enu_from_geodetic(lats, lons, site.frame.alt_amsl_m)[:, :2]
-    line = shapely.LineString(places).segmentize(0.5)
+    positions = site.frame.enu_from_geodetic(lats, lons, site.frame.alt_amsl_m)[:, :2]
+    line = shapely.LineString(positions).segmentize(0.5)
     for zone in site.zones:
         for at in shapely.get_coordinates(line):
             assert not in_zone(zone, at, height_agl_m=60.0, alt_amsl_m=60.0, margin_m=9.9)
@@ -102,9 +102,9 @@ def test_a_survey_beside_no_fly_zones_is_one_command(cli, tmp_path, place):
 
 
 def test_new_writes_the_file_with_its_reason_and_home_is_outside(cli, tmp_path):
-    place = PLACES[0]
-    dem = dem_at(tmp_path, place)
-    area = written.geojson(tmp_path / "area.geojson", square_parts(place))
+    position = POSITIONS[0]
+    dem = dem_at(tmp_path, position)
+    area = written.geojson(tmp_path / "area.geojson", square_parts(position))
     cli("new", area, *options(dem), "-o", tmp_path / "plain.toml", code=0)
     home = load_site(tmp_path / "plain.toml").scenario.home
     # A zone over the place that would have been chosen.
@@ -133,8 +133,8 @@ def test_new_writes_the_file_with_its_reason_and_home_is_outside(cli, tmp_path):
     ],
 )
 def test_a_bad_file_is_one_line(cli, tmp_path, content, message):
-    dem = dem_at(tmp_path, PLACES[0])
-    area = written.geojson(tmp_path / "area.geojson", square_parts(PLACES[0]))
+    dem = dem_at(tmp_path, POSITIONS[0])
+    area = written.geojson(tmp_path / "area.geojson", square_parts(POSITIONS[0]))
     if content is not None:
         (tmp_path / "zones.txt").write_text(content)
     ended = cli("new", area, *options(dem), "--no-fly", tmp_path / "zones.txt", "-o", tmp_path / "survey.toml", code=2)
@@ -180,7 +180,7 @@ def test_the_time_of_flight_decides_which_zones_count(tmp_path, capsys):
         found = site(at)
         assert [zone.name for zone in found.zones] == (["fair"] if counts else [])
         assert [zone.name for zone in found.other_zones] == ([] if counts else ["fair"])
-        say_zones(Output().console(), found, RouteMetrics(1.0, 1.0, 4, 100.0, 10.0, 50.0, 60.0, 10.0))
+        print_zones(Output().console(), found, RouteMetrics(1.0, 1.0, 4, 100.0, 10.0, 50.0, 60.0, 10.0))
         out = capsys.readouterr().out
         assert ("have schedules, but are treated as always active; set" in out) == (at is None)
         assert ("were ignored: 'fair'; fly only during this time" in out) == (not counts)
@@ -190,9 +190,9 @@ def test_the_time_of_flight_decides_which_zones_count(tmp_path, capsys):
 
 
 def test_new_writes_the_time_of_flight(cli, tmp_path):
-    place = PLACES[0]
-    dem = dem_at(tmp_path, place)
-    area = written.geojson(tmp_path / "area.geojson", square_parts(place))
+    position = POSITIONS[0]
+    dem = dem_at(tmp_path, position)
+    area = written.geojson(tmp_path / "area.geojson", square_parts(position))
     cli("new", area, *options(dem), "--at", "2026-07-01T09:00+02:00/90min", "-o", tmp_path / "survey.toml", code=0)
     assert load_scenario(tmp_path / "survey.toml").flight_window_utc == ("2026-07-01T07:00:00Z", "2026-07-01T08:30:00Z")
 

@@ -15,7 +15,7 @@ from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import load_site
 from uavcover.terrain.elevation_file import read_ground, read_heights_amsl_m
 from uavcover.terrain.frames import LocalFrame
-from uavcover.terrain.suspect_heights import suspect_places
+from uavcover.terrain.suspect_heights import suspect_positions
 from uavcover.terrain.terrain_source import TerrainSource
 
 SIZE, STEP_DEG, LAT_DEG = 300, 1e-4, 46.03
@@ -57,8 +57,8 @@ def test_open_water_has_the_height_that_is_given(cli, tmp_path, west):
     scenario = load_scenario(tmp_path / "s.toml")
     assert scenario.terrain.water_height_m == 0.0
     site = load_site(tmp_path / "s.toml")
-    places = site.frame.enu_from_geodetic(np.array([46.01, 46.01]), np.array([west + 1e-4, 8.020]), 0.0)[:, :2]
-    water_m, land_m = site.ground.heights_m(places) + site.alt_amsl_offset_m
+    positions = site.frame.enu_from_geodetic(np.array([46.01, 46.01]), np.array([west + 1e-4, 8.020]), 0.0)[:, :2]
+    water_m, land_m = site.ground.heights_m(positions) + site.alt_amsl_offset_m
     assert water_m == pytest.approx(0.0, abs=0.6)  # but for the curvature of the Earth
     assert land_m > 30.0
     # Nobody takes off from the sea.
@@ -80,9 +80,9 @@ def test_missing_land_is_no_open_water(cli, tmp_path):
 def test_a_real_coast_is_not_suspect(tmp_path):
     dem = tile(tmp_path / "dem.tif", coast(3), west=8.0)
     source = TerrainSource((dem,), water_height_m=0.0)
-    assert suspect_places(source, "EGM96", (7.99, 46.004, 8.026, 46.026)) == ()
+    assert suspect_positions(source, "EGM96", (7.99, 46.004, 8.026, 46.026)) == ()
     # Where the file ends on land, water is no answer: the end shows as a step.
-    (end, *_) = suspect_places(source, "EGM96", (8.02, 46.01, 8.035, 46.02))
+    (end, *_) = suspect_positions(source, "EGM96", (8.02, 46.01, 8.035, 46.02))
     assert "a straight step of 1" in end.words
 
 

@@ -91,8 +91,8 @@ def test_a_plan_claims_what_its_pictures_show(cli: Cli, tmp_path: Path, relief: 
     assert ended.code in (0, 1), ended.err
     plan = json.loads((run / "plan.json").read_text())
     claimed = plan["metrics"]["coverage_fraction"]
-    shown, pictures = true_coverage(run)
-    assert pictures > 10
+    shown, images = true_coverage(run)
+    assert images > 10
     # Cells of the check's own, half as large and moved: they tell a share of the area from another to about this.
     assert claimed == pytest.approx(shown, abs=0.006)
     assert plan["rule_met"] == (ended.code == 0)

@@ -22,7 +22,7 @@ from tests.cli.conftest import (
 )
 from uavcover.model.route import RouteMetrics
 from uavcover.planner.command import PlanRequest, plan_into
-from uavcover.planner.plan_words import progress_in_words, room_in_words, search_in_words
+from uavcover.planner.plan_messages import progress_text, room_text, search_text
 from uavcover.planner.planner import SearchProgress
 from uavcover.run.user import Unattended
 from uavcover.scenario.site import load_site
@@ -202,14 +202,14 @@ def test_infeasible_plan_ends_with_4(cli: Cli, tmp_path: Path) -> None:
 
 def test_progress_bar_only_on_a_terminal_and_after_two_seconds(cli: Cli, tmp_path: Path) -> None:
     arguments = command("plan", corner_of_the_demo(tmp_path), "-o", tmp_path / "long", "--budget", "6s")
-    seen = subprocess.run(
+    observed = subprocess.run(
         ["script", "-qec", " ".join(arguments), str(tmp_path / "typescript")],
         capture_output=True, text=True, timeout=300, check=False, stdin=subprocess.DEVNULL,
         env={"PATH": "/usr/bin:/bin", "TERM": "xterm", "HOME": str(tmp_path)},
     )  # fmt: skip
-    assert seen.returncode == 0
-    assert "━" in seen.stdout
-    assert re.search(r"\d %, \d+ s", seen.stdout), "coverage, and the time of the mission"
+    assert observed.returncode == 0
+    assert "━" in observed.stdout
+    assert re.search(r"\d %, \d+ s", observed.stdout), "coverage, and the time of the mission"
     piped = cli("plan", tmp_path / "corner.toml", "-o", tmp_path / "piped", "--evaluations", EVALUATIONS)
     assert "━" not in piped.out + piped.err
     assert piped.err == "" or all(line.startswith("warning:") for line in piped.err.splitlines())
@@ -225,7 +225,7 @@ def test_progress_bar_only_on_a_terminal_and_after_two_seconds(cli: Cli, tmp_pat
     ],
 )
 def test_progress_tells_coverage_length_and_gap(shortest_m: float | None, least_m: float | None, words: str) -> None:
-    assert progress_in_words(SearchProgress(10, 20, 0.972, shortest_m), "m", least_m) == words
+    assert progress_text(SearchProgress(10, 20, 0.972, shortest_m), "m", least_m) == words
 
 
 @pytest.mark.parametrize(
@@ -234,7 +234,7 @@ def test_progress_tells_coverage_length_and_gap(shortest_m: float | None, least_
 def test_a_route_at_the_ends_of_its_height_band_is_told(lowest_m: float, highest_m: float, room: str | None) -> None:
     limits = load_site("ridge-obstacles").scenario.limits
     metrics = RouteMetrics(0.99, 0.99, 100, 7000.0, 700.0, lowest_m, highest_m, 7000.0)
-    words = room_in_words(limits, metrics)
+    words = room_text(limits, metrics)
     if room is None:
         assert words is None
     else:
@@ -284,7 +284,7 @@ def test_rally_is_home_or_auto(cli: Cli, tmp_path: Path) -> None:
 
 
 def test_a_search_without_time_is_said_so():
-    assert search_in_words(300, "memetic", beaten=False) == "300 evaluations of memetic"
-    assert search_in_words(1, "memetic", beaten=True) == "1 evaluation of memetic found no better route"
-    assert search_in_words(0, "memetic", beaten=True) == "memetic had no time to search; increase --budget"
-    assert search_in_words(0, "gap-closing", beaten=False) == "0 evaluations of gap-closing"
+    assert search_text(300, "memetic", beaten=False) == "300 evaluations of memetic"
+    assert search_text(1, "memetic", beaten=True) == "1 evaluation of memetic found no better route"
+    assert search_text(0, "memetic", beaten=True) == "memetic had no time to search; increase --budget"
+    assert search_text(0, "gap-closing", beaten=False) == "0 evaluations of gap-closing"

@@ -165,8 +165,8 @@ def test_what_one_vehicle_does_as_soon_is_uploaded_to_one(cli: Cli, tmp_path: Pa
     fleet = json.loads((run / "plan.json").read_text())["fleet"]
     assert (fleet["vehicles"], len(fleet["by_vehicle"])) == (3, 1)
     assert "warning: the plan does not use mock:, mock:; uploading nothing there" in ended.err
-    (told,) = ended.document["vehicles"]
-    assert (told["vehicle"], told["sortie"], Path(told["run"])) == (1, 1, run)
+    (reported,) = ended.document["vehicles"]
+    assert (reported["vehicle"], reported["sortie"], Path(reported["run"])) == (1, 1, run)
     assert (run / "upload.json").exists()
     assert f"Next: uavcover fly {run} --to mock:" in ended.err
     again = cli("plan-upload", run, "--to", "mock:", "--to", "mock:", code=2)

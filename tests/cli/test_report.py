@@ -38,10 +38,10 @@ def test_a_plan_alone_and_another_file(cli: Cli, planned: Path, tmp_path: Path) 
 def test_open_starts_the_browser(
     cli: Cli, planned: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, starts: bool | Exception
 ) -> None:
-    asked = []
+    requested = []
 
     def opened(url: str) -> bool:
-        asked.append(url)
+        requested.append(url)
         if isinstance(starts, Exception):
             raise starts
         return starts
@@ -50,10 +50,10 @@ def test_open_starts_the_browser(
     monkeypatch.setattr("uavcover.report.page.render_report", lambda *_: "the page, which takes a second to draw")
     page = tmp_path / "a page #1.html"
     ended = cli("report", planned, "-o", page, "--open", code=0)
-    assert asked == [page.resolve().as_uri()]
+    assert requested == [page.resolve().as_uri()]
     assert ("cannot start a browser; open the file manually" in ended.err) == (starts is not True)
     cli("report", planned, "-o", page, "--force", code=0)
-    assert len(asked) == 1
+    assert len(requested) == 1
 
 
 def test_another_log(cli: Cli, flown: Path) -> None:
@@ -101,10 +101,10 @@ def test_a_file_instead_of_a_folder(cli: Cli, flown: Path) -> None:
 
 def test_inspect_errors(cli: Cli, flown: Path, tmp_path: Path) -> None:
     assert "uavcover fly" in cli("inspect", tmp_path, "--text").error
-    picture = tmp_path / "x.png"
-    picture.write_text("mine")
-    cli("inspect", flown, "--screenshot", picture, code=2)
-    assert picture.read_text() == "mine"
+    photo = tmp_path / "x.png"
+    photo.write_text("mine")
+    cli("inspect", flown, "--screenshot", photo, code=2)
+    assert photo.read_text() == "mine"
     (tmp_path / "x.rrd").write_bytes(b"no recording")
     cli("inspect", tmp_path / "x.rrd", "--text", code=2)
 

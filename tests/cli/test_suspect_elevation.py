@@ -13,7 +13,7 @@ from tests.extras.check.test_command import DEM, GOOD, mission
 from uavcover.run.user import Unattended
 from uavcover.scenario.scenario_file import terrain_source
 from uavcover.scenario.site import load_site
-from uavcover.terrain.suspect_heights import trust_asked_for
+from uavcover.terrain.suspect_heights import confirmed_trust
 
 CAMERA = ("--camera", "dji-mavic-3e", "--gsd", "3cm")
 
@@ -131,5 +131,5 @@ def test_plan_asks_for_a_scenario_and_for_an_area(cli: Cli, tmp_path: Path, fill
 def test_a_scenario_whose_heights_are_confirmed_is_not_asked_about() -> None:
     site = load_site("jacksboro")
     source = terrain_source(site.scenario.terrain)
-    assert trust_asked_for(source, "EGM96", site.fence, site.frame, Unattended(), trusted=True)
-    assert not trust_asked_for(source, "EGM96", site.fence, site.frame, Unattended(), trusted=False)
+    assert confirmed_trust(source, "EGM96", site.fence, site.frame, Unattended(), trusted=True)
+    assert not confirmed_trust(source, "EGM96", site.fence, site.frame, Unattended(), trusted=False)

@@ -42,13 +42,14 @@ def test_recomputed_from_the_track(cli: Cli, flown: Path) -> None:
 
 
 def test_workers_give_the_same_verdict(cli: Cli, flown: Path, monkeypatch) -> None:
-    asked: list[str] = []
+    requested: list[str] = []
     monkeypatch.setattr(
-        "uavcover.verification.flown_coverage.workers_of", lambda name: asked.append(name) or nullcontext(Elsewhere())
+        "uavcover.verification.flown_coverage.workers_of",
+        lambda name: requested.append(name) or nullcontext(Elsewhere()),
     )
     before = json.loads((flown / "verification.json").read_text())
     ended = cli("verify", flown, "--scheduler", "tcp://there:8786", "--json")
-    assert asked == ["tcp://there:8786"]
+    assert requested == ["tcp://there:8786"]
     assert ended.document == before
 
 
@@ -265,10 +266,10 @@ def test_what_to_run_next_is_a_suggestion_as_of_other_commands(cli: Cli, torn: P
     assert verify == f"      uavcover verify {torn} --log {torn / 'track.csv'} --log {own / 'track.csv'}"
 
 
-def broken_off(run: Path, share: float) -> dict[str, str]:
+def broken_off(run: Path, fraction: float) -> dict[str, str]:
     """End the track after this share of its samples; the last row."""
     lines = (run / "track.csv").read_text().splitlines()
-    kept = lines[: 1 + round(share * (len(lines) - 1))]
+    kept = lines[: 1 + round(fraction * (len(lines) - 1))]
     (run / "track.csv").write_text("\n".join(kept) + "\n")
     return dict(zip(kept[0].split(","), kept[-1].split(","), strict=True))
 
@@ -290,15 +291,15 @@ def test_a_gap_mission_from_where_the_vehicle_is(cli: Cli, flown: Path) -> None:
     commands = [item.command for item in items]
     assert 22 not in commands, "a vehicle in the air does not take off"
     assert (commands[-1], commands.count(21)) == (21, 1)
-    places = np.array([(item.x, item.y, item.z + home.z) for item in items if item.command == 16])
-    np.testing.assert_allclose(places[0, :2], [float(last["lat_deg"]), float(last["lon_deg"])], atol=2e-7)
-    assert places[0, 2] >= float(last["alt_amsl_m"]) - 0.01, "straight up, if at all"
+    positions = np.array([(item.x, item.y, item.z + home.z) for item in items if item.command == 16])
+    np.testing.assert_allclose(positions[0, :2], [float(last["lat_deg"]), float(last["lon_deg"])], atol=2e-7)
+    assert positions[0, 2] >= float(last["alt_amsl_m"]) - 0.01, "straight up, if at all"
 
     site, _ = route_of(flown)
     assert site.frame is not None
-    corners = site.frame.enu_from_geodetic(*places.T)
-    shares = np.linspace(0.0, 1.0, 200)[:, None]
-    legs = np.concatenate([a + shares * (b - a) for a, b in itertools.pairwise(corners)])
+    corners = site.frame.enu_from_geodetic(*positions.T)
+    fractions = np.linspace(0.0, 1.0, 200)[:, None]
+    legs = np.concatenate([a + fractions * (b - a) for a, b in itertools.pairwise(corners)])
     limits = site.scenario.limits
     above_m = legs[:, 2] - site.ground.heights_m(legs[:, :2])
     assert above_m.min() >= min(limits.transit_clearance_m, limits.min_height_agl_m) - 0.01

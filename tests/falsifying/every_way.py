@@ -9,7 +9,7 @@ from tests.falsifying import (  # noqa: F401  (they register their families)
     of_columns,
     of_files,
     of_motion,
-    of_place,
+    of_position,
     of_time,
     of_unreported_photos,
     of_velocity,

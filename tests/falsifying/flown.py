@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.model.track import AGE_COLUMN, COLUMNS, PICTURES_COLUMN, UNIX_TIME_COLUMN, VELOCITY_COLUMNS
+from uavcover.model.track import AGE_COLUMN, COLUMNS, PHOTOS_COLUMN, UNIX_TIME_COLUMN, VELOCITY_COLUMNS
 from uavcover.run.documents import flown_tracks
 from uavcover.run.folder import RunFolder
 from uavcover.run.track_file import read_track
@@ -64,10 +64,10 @@ class Flown:
         """Usual time between two samples."""
         return float(np.median(np.diff(self.time_s)))
 
-    def moment(self, share: float) -> float:
+    def moment(self, fraction: float) -> float:
         """The time at which this share of the route's time is over; of the whole record where it knows no route."""
         times = self.time_s[self.on_route] if self.on_route.any() else self.time_s
-        return float(times[0] + share * (times[-1] - times[0]))
+        return float(times[0] + fraction * (times[-1] - times[0]))
 
     def between(self, begin_s: float, end_s: float) -> BoolArray:
         """(n,) which samples lie in a span of time."""
@@ -108,7 +108,7 @@ class Flown:
         ]
         header = list(COLUMNS)
         for name, column in (
-            (AGE_COLUMN, self.attitude_age_s), (PICTURES_COLUMN, self.photos_taken), (UNIX_TIME_COLUMN, self.unix_time_s),
+            (AGE_COLUMN, self.attitude_age_s), (PHOTOS_COLUMN, self.photos_taken), (UNIX_TIME_COLUMN, self.unix_time_s),
             *([] if self.velocity_ned_m_s is None else zip(VELOCITY_COLUMNS, self.velocity_ned_m_s.T, strict=True)),
         ):  # fmt: skip
             if column is not None:

@@ -49,7 +49,7 @@ kind = "nadir-camera"
 fov_deg = 70.0
 range_m = 200.0
 """
-WIDE_PICTURE = """
+WIDE_PHOTO = """
 kind = "frame-camera"
 fov_across_deg = 70.0
 fov_along_deg = 20.0
@@ -138,7 +138,7 @@ class Base:
 
 
 HILLS = Base(name="hills")
-OBLIQUE = Base(name="wide picture", sensor=WIDE_PICTURE, autopilot="px4")
+OBLIQUE = Base(name="wide picture", sensor=WIDE_PHOTO, autopilot="px4")
 BARNS = Base(
     name="barns",
     more="".join(
@@ -180,8 +180,8 @@ def make_site(folder: Path, base: Base) -> Site:
     axis = np.arange(low_m, high_m + 0.5 * step_m, step_m)
     east, north = np.meshgrid(axis, axis)
     up = 14.0 * np.sin(east / 90.0) * np.cos(north / 70.0) + 0.04 * east + 3.0
-    places = np.column_stack([east.ravel(), north.ravel(), up.ravel()])
-    alts = FRAME.geodetic_from_enu(places)[2].reshape(up.shape)
+    positions = np.column_stack([east.ravel(), north.ravel(), up.ravel()])
+    alts = FRAME.geodetic_from_enu(positions)[2].reshape(up.shape)
     ground = geotiff(FRAME, [Band("height", "m", alts)], east0_m=low_m, north0_m=low_m, up_m=0.0, step_m=step_m)
     (folder / "dem.tif").write_bytes(ground)
     text = _SCENARIO.format(

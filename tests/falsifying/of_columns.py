@@ -73,7 +73,7 @@ def attitude(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     sensor = flown.site.scenario.sensor
     if sensor.mount != "fixed":
         return
-    share = float(rng.uniform(0.2, 0.5))
+    fraction = float(rng.uniform(0.2, 0.5))
     unknown = "where a camera looked that turns with the vehicle is not known"
     yield Way("radians as degrees", unknown, turned(np.radians))
     yield Way("720 degrees added", unknown, turned(lambda a: a + 720.0))
@@ -85,7 +85,7 @@ def attitude(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     yield Way("roll and pitch missing", unknown, turned(lambda a: a + [np.nan, np.nan, 0.0]))
     yield Way("that of one sample throughout", unknown, turned(lambda a: np.tile(a[len(a) // 2], (len(a), 1))))
     yield Way("missing for half of the route", unknown, lambda f: replace(f, attitude_deg=np.where(
-        f.between(f.moment(share), f.moment(share + 0.5))[:, None], np.nan, f.attitude_deg)))  # fmt: skip
+        f.between(f.moment(fraction), f.moment(fraction + 0.5))[:, None], np.nan, f.attitude_deg)))  # fmt: skip
     yield Way("missing but for a sample every 40 s", unknown, lambda f: replace(f, attitude_deg=np.where(
         (np.arange(len(f)) % round(40.0 / f.step_s) != 0)[:, None], np.nan, f.attitude_deg)))  # fmt: skip
     for age_s in (1.5, -30.0):
@@ -151,12 +151,12 @@ def _half_with_semicolons(text: str) -> str:
     )
 
 
-def _cell(column: str, value: str, share: float) -> Callable[[bytes], bytes]:
+def _cell(column: str, value: str, fraction: float) -> Callable[[bytes], bytes]:
     """One value of one row."""
 
     def rewrite(text: str) -> str:
         lines = text.splitlines()
-        row = 1 + int(share * (len(lines) - 2))
+        row = 1 + int(fraction * (len(lines) - 2))
         cells = lines[row].split(",")
         cells[COLUMNS.index(column)] = value
         lines[row] = ",".join(cells)
@@ -174,11 +174,11 @@ def _header(change: dict[str, str]) -> Callable[[bytes], bytes]:
 
 
 def _without_column(column: str) -> Callable[[bytes], bytes]:
-    place = COLUMNS.index(column)
+    position = COLUMNS.index(column)
 
     def rewrite(text: str) -> str:
         rows = [line.split(",") for line in text.splitlines()]
-        return "".join(",".join(row[:place] + row[place + 1 :]) + "\n" for row in rows)
+        return "".join(",".join(row[:position] + row[position + 1 :]) + "\n" for row in rows)
 
     return _rewritten(rewrite)
 
@@ -189,9 +189,9 @@ def text(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     for value in ("nan", "inf", "-inf", "", "x", "1e999"):
         for column in ("time_s", "lat_deg", "alt_amsl_m", "up_m", "current_waypoint"):
             if rng.random() < 0.4 or (value, column) in (("nan", "lat_deg"), ("", "lat_deg"), ("inf", "alt_amsl_m")):
-                share = float(rng.uniform(0.1, 0.9))
+                fraction = float(rng.uniform(0.1, 0.9))
                 yield Way(
-                    f"{value or 'nothing'!r} in {column}", "no place and time", rewrite=_cell(column, value, share)
+                    f"{value or 'nothing'!r} in {column}", "no place and time", rewrite=_cell(column, value, fraction)
                 )
     yield Way("roll of a sample is inf", "no attitude", rewrite=_cell("roll_deg", "inf", 0.5))
     for column in ("time_s", "lat_deg", "alt_amsl_m", "east_m"):
@@ -208,8 +208,8 @@ def text(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     yield Way("roll and yaw swapped in the header", "the vehicle rolls through all directions",
               rewrite=_header({"roll_deg": "yaw_deg", "yaw_deg": "roll_deg"}))  # fmt: skip
     yield Way("a column twice", "which one counts?", rewrite=_header({"roll_deg": "east_m"}))
-    for share in (0.5, 0.9):
-        yield Way(f"cut off at {share:.0%}", "ends in the air", rewrite=lambda b, s=share: b[: int(s * len(b))])
+    for fraction in (0.5, 0.9):
+        yield Way(f"cut off at {fraction:.0%}", "ends in the air", rewrite=lambda b, s=fraction: b[: int(s * len(b))])
     yield Way("the header again in the middle", "it is not a number", rewrite=_rewritten(_header_again))
     yield Way("the file twice", "time goes back", rewrite=lambda b: b + b)
     yield Way("semicolons on every other line", "it is not a track", rewrite=_rewritten(_half_with_semicolons))

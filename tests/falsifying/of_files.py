@@ -12,7 +12,7 @@ import numpy as np
 import tomli_w
 
 from tests.falsifying.flown import Flown
-from tests.falsifying.of_place import shifted
+from tests.falsifying.of_position import shifted
 from tests.falsifying.way import Meddle, Way, family
 from uavcover.model.area import RasterTerrain
 from uavcover.scenario.scenario_file import dump_scenario, terrain_source
@@ -109,9 +109,9 @@ def ground(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
         yield Way("its file gone", CHANGED, meddle=lambda _: _ground_gone(flown))
 
 
-def _other_ground(run: Path, flown: Flown, share: float, by_m: float) -> None:
+def _other_ground(run: Path, flown: Flown, fraction: float, by_m: float) -> None:
     """Another file for the ground; see :func:`_ground_file`."""
-    (run / "ground.tif").write_bytes(_ground_file(flown, share, by_m))
+    (run / "ground.tif").write_bytes(_ground_file(flown, fraction, by_m))
     scenario_with("file", '"ground.tif"')(run)
 
 
@@ -129,17 +129,17 @@ def _ground_gone(flown: Flown) -> Callable[[], object]:
     return lambda: away.rename(path)
 
 
-def _ground_file(flown: Flown, share: float, by_m: float) -> bytes:
-    """The scenario's ground with its heights against home times ``share`` plus ``by_m``."""
+def _ground_file(flown: Flown, fraction: float, by_m: float) -> bytes:
+    """The scenario's ground with its heights against home times ``fraction`` plus ``by_m``."""
     site = flown.site
     assert site.frame is not None
     low = flown.enu_m.min(axis=0) - 1200.0
     high = flown.enu_m.max(axis=0) + 1200.0
     step_m = 20.0
     east, north = np.arange(low[0], high[0], step_m), np.arange(low[1], high[1], step_m)
-    places = np.stack(np.meshgrid(east, north), axis=-1).reshape(-1, 2)
-    ups = site.ground.heights_m(places).reshape(len(north), len(east))
-    _, _, alts = site.frame.geodetic_from_enu(np.column_stack([places, share * ups.reshape(-1) + by_m]))
+    positions = np.stack(np.meshgrid(east, north), axis=-1).reshape(-1, 2)
+    ups = site.ground.heights_m(positions).reshape(len(north), len(east))
+    _, _, alts = site.frame.geodetic_from_enu(np.column_stack([positions, fraction * ups.reshape(-1) + by_m]))
     return geotiff(
         site.frame, [Band("height", "m", alts.reshape(ups.shape))], east0_m=float(east[0]), north0_m=float(north[0]),
         up_m=0.0, step_m=step_m,

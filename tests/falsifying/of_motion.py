@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from tests.falsifying.flown import Change, Flown
-from tests.falsifying.of_place import any_way
+from tests.falsifying.of_position import any_way
 from tests.falsifying.of_time import thinned
 from tests.falsifying.way import Way, family
 from uavcover.kernels.arrays import FloatArray
@@ -156,11 +156,11 @@ def filled(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
             return interpolated(f, np.searchsorted(f.time_s, few.time_s))
 
         yield Way(f"between samples {every_s:g} s apart", "turns corners in no time", change)
-    for share in (0.1, 0.3):
+    for fraction in (0.1, 0.3):
         at = float(rng.uniform(0.1, 0.6))
 
-        def fast(f: Flown, at: float = at, share: float = share) -> Flown:
-            begin_s, end_s = f.moment(at), f.moment(at + share)
+        def fast(f: Flown, at: float = at, fraction: float = fraction) -> Flown:
+            begin_s, end_s = f.moment(at), f.moment(at + fraction)
             kept = f.taken(~f.between(begin_s, end_s))
             hole = 0.5
             time_s = kept.time_s - np.where(kept.time_s >= begin_s, end_s - begin_s - hole, 0.0)
@@ -175,7 +175,7 @@ def filled(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
             all_enu[fresh], all_time[fresh] = enu, filling
             return replace(longer.placed(all_enu), time_s=all_time)
 
-        yield Way(f"over {share:.0%} of the route, in half a second", "as fast as a bullet", fast)
+        yield Way(f"over {fraction:.0%} of the route, in half a second", "as fast as a bullet", fast)
 
 
 @family("out of order")
@@ -288,8 +288,8 @@ def motion(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
         rest = f.time_s >= end_s - 20.0
         enu = f.enu_m.copy()
         high = int(np.argmax(rest))
-        share = np.clip((f.time_s - f.time_s[high]) / 20.0 * 1.0, 0.0, 1.0)
-        enu[rest, 2] = np.where(share[rest] < 0.97, enu[high, 2] + 60.0, f.enu_m[-1, 2])
+        fraction = np.clip((f.time_s - f.time_s[high]) / 20.0 * 1.0, 0.0, 1.0)
+        enu[rest, 2] = np.where(fraction[rest] < 0.97, enu[high, 2] + 60.0, f.enu_m[-1, 2])
         return f.placed(enu)
 
     yield Way("falls 60 m at the end, in no time", "no vehicle sinks so fast", dropped)
@@ -373,10 +373,10 @@ def lowered(begin: float, end: float, to_agl_m: float) -> Change:
         ground = f.site.ground.heights_m(f.enu_m[:, :2])
         ramp_s = max(15.0, abs(float(np.median(f.enu_m[f.on_route, 2] - ground[f.on_route])) - to_agl_m) / 1.5)
         inside = np.minimum(f.time_s - f.moment(begin), f.moment(end) - f.time_s)
-        share = np.clip(inside / min(ramp_s, 0.4 * (f.moment(end) - f.moment(begin))), 0.0, 1.0)
-        share = share * share * (3.0 - 2.0 * share)
+        fraction = np.clip(inside / min(ramp_s, 0.4 * (f.moment(end) - f.moment(begin))), 0.0, 1.0)
+        fraction = fraction * fraction * (3.0 - 2.0 * fraction)
         wanted = ground + to_agl_m
-        return f.placed(np.column_stack([f.enu_m[:, :2], f.enu_m[:, 2] + share * (wanted - f.enu_m[:, 2])]))
+        return f.placed(np.column_stack([f.enu_m[:, :2], f.enu_m[:, 2] + fraction * (wanted - f.enu_m[:, 2])]))
 
     return change
 

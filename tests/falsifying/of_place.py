@@ -30,26 +30,26 @@ def any_way(rng: np.random.Generator, distance_m: float) -> tuple[float, float, 
 @family("teleports")
 def teleports(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     """There and back in no time."""
-    for distance_m, share in ((30.0, 0.02), (100.0, 0.1), (500.0, 0.05)):
+    for distance_m, fraction in ((30.0, 0.02), (100.0, 0.1), (500.0, 0.05)):
         at = float(rng.uniform(0.1, 0.8))
         yield Way(
-            f"{distance_m:g} m away for {share:.0%} of the route", f"{distance_m:g} m from one sample to the next, twice",
-            shifted(any_way(rng, distance_m), where=(at, at + share)),
+            f"{distance_m:g} m away for {fraction:.0%} of the route", f"{distance_m:g} m from one sample to the next, twice",
+            shifted(any_way(rng, distance_m), where=(at, at + fraction)),
         )  # fmt: skip
-    for share in (0.05, 0.2):
+    for fraction in (0.05, 0.2):
         at = float(rng.uniform(0.1, 0.7))
         yield Way(
-            f"over {share:.0%} of the route",
+            f"over {fraction:.0%} of the route",
             "flies hundreds of metres from one sample to the next",
-            _skipped(at, share),
+            _skipped(at, fraction),
         )
     count = 12
     at = np.sort(rng.uniform(0.05, 0.95, count))
 
     def often(f: Flown) -> Flown:
         enu = f.enu_m.copy()
-        for k, share in enumerate(at):
-            enu[f.between(f.moment(share), f.moment(share) + 1.0)] += any_way(np.random.default_rng(k), 80.0)
+        for k, fraction in enumerate(at):
+            enu[f.between(f.moment(fraction), f.moment(fraction) + 1.0)] += any_way(np.random.default_rng(k), 80.0)
         return f.placed(enu)
 
     yield Way(f"{count} times 80 m away for 1 s", "80 m from one sample to the next", often)
@@ -59,9 +59,9 @@ def teleports(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     )  # fmt: skip
 
 
-def _skipped(at: float, share: float) -> Change:
+def _skipped(at: float, fraction: float) -> Change:
     def change(f: Flown) -> Flown:
-        begin_s, end_s = f.moment(at), f.moment(at + share)
+        begin_s, end_s = f.moment(at), f.moment(at + fraction)
         kept = f.taken(~f.between(begin_s, end_s))
         return replace(kept, time_s=kept.time_s - np.where(kept.time_s >= begin_s, end_s - begin_s, 0.0))
 
@@ -93,10 +93,10 @@ def heights(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
         yield Way(
             f"{by_m:+g} m on the route, in one step", "120 m/s up or down", shifted((0.0, 0.0, by_m), where=(0.0, 1.0))
         )
-    share = float(rng.uniform(0.2, 0.7))
+    fraction = float(rng.uniform(0.2, 0.7))
     yield Way(
         "9 m higher for a tenth of the route, in one step", "90 m/s up and down",
-        shifted((0.0, 0.0, 9.0), where=(share, share + 0.1)),
+        shifted((0.0, 0.0, 9.0), where=(fraction, fraction + 0.1)),
     )  # fmt: skip
     yield Way(
         "one height throughout", "rises from the ground in no time",
@@ -114,8 +114,8 @@ def _sea_level_times(times: float) -> Change:
 
 def _drifting(by_m: float) -> Change:
     def change(f: Flown) -> Flown:
-        share = (f.time_s - f.time_s[0]) / (f.time_s[-1] - f.time_s[0])
-        return f.placed(f.enu_m + np.column_stack([0.0 * share, 0.0 * share, by_m * share]))
+        fraction = (f.time_s - f.time_s[0]) / (f.time_s[-1] - f.time_s[0])
+        return f.placed(f.enu_m + np.column_stack([0.0 * fraction, 0.0 * fraction, by_m * fraction]))
 
     return change
 
@@ -127,11 +127,11 @@ def _under_the_ground(f: Flown) -> Flown:
 
 
 @family("places")
-def places(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
+def positions(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     """Somewhere else as a whole."""
     extent_m = float(np.ptp(flown.plan_m[:, :2], axis=0).max())
-    for share in (1.0, 3.0):
-        distance_m = max(300.0, share * extent_m)
+    for fraction in (1.0, 3.0):
+        distance_m = max(300.0, fraction * extent_m)
         yield Way(
             f"{distance_m:.0f} m away",
             "took off from another home, and saw another area",
@@ -205,10 +205,10 @@ def contradictions(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
         "local columns in feet": lambda f: f.enu_m * FEET_PER_M,
     }.items():
         yield Way(name, "two places at one time", lambda f, local=local: replace(f, enu_m=local(f)))
-    share = float(rng.uniform(0.2, 0.8))
+    fraction = float(rng.uniform(0.2, 0.8))
 
     def beside_for_a_second(f: Flown) -> Flown:
-        inside = f.between(f.moment(share), f.moment(share) + 1.0)
+        inside = f.between(f.moment(fraction), f.moment(fraction) + 1.0)
         return replace(f, enu_m=f.enu_m + np.where(inside[:, None], [0.0, 3.0, 0.0], 0.0))
 
     yield Way("local columns 3 m beside for a second", "two places at one time", beside_for_a_second)

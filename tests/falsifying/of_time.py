@@ -42,15 +42,15 @@ def scaled(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
 def jumps(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     """Times that go back, stand still or leap."""
 
-    def leap(by_s: float, share: float) -> Change:
-        return lambda f: replace(f, time_s=f.time_s + np.where(f.time_s >= f.moment(share), by_s, 0.0))
+    def leap(by_s: float, fraction: float) -> Change:
+        return lambda f: replace(f, time_s=f.time_s + np.where(f.time_s >= f.moment(fraction), by_s, 0.0))
 
     for by_s in (LONGEST_GAP_S + 2.0, 60.0, 3600.0):
-        share = float(rng.uniform(0.1, 0.9))
-        yield Way(f"leaps by {by_s:g} s", f"{by_s:g} s of the route were not observed", leap(by_s, share))
+        fraction = float(rng.uniform(0.1, 0.9))
+        yield Way(f"leaps by {by_s:g} s", f"{by_s:g} s of the route were not observed", leap(by_s, fraction))
     for by_s in (-0.05, -5.0, -60.0):
-        share = float(rng.uniform(0.4, 0.9))
-        yield Way(f"goes back by {-by_s:g} s", "time does not go back", leap(by_s - flown.step_s, share))
+        fraction = float(rng.uniform(0.4, 0.9))
+        yield Way(f"goes back by {-by_s:g} s", "time does not go back", leap(by_s - flown.step_s, fraction))
 
     def stands(every: int) -> Change:
         def change(f: Flown) -> Flown:
@@ -81,10 +81,10 @@ def stuck(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     """Places that stand still and then leap."""
     for kept_s, every_s in ((3.0, 6.0), (1.0, 4.0), (5.0, 20.0), (0.6, 2.0), (9.0, 10.0)):
         yield Way(f"{kept_s:g} s of every {every_s:g} s", "it stops at once and then leaps", frozen(kept_s, every_s))
-    share = float(rng.uniform(0.2, 0.6))
+    fraction = float(rng.uniform(0.2, 0.6))
 
     def once(f: Flown) -> Flown:
-        return f.held(_held_between(f, f.moment(share), f.moment(share) + 30.0))
+        return f.held(_held_between(f, f.moment(fraction), f.moment(fraction) + 30.0))
 
     yield Way("for 30 s, once", "it stops at once and then leaps by hundreds of metres", once)
 
@@ -100,7 +100,7 @@ def _held_between(f: Flown, begin_s: float, end_s: float) -> np.ndarray:
     return np.where(inside, int(np.argmax(inside)), number)
 
 
-def brisk(f: Flown, share: float) -> int:
+def brisk(f: Flown, fraction: float) -> int:
     """The sample nearest to a share of the route at which the vehicle has at least 0.6 of its cruise speed.
 
     From less, or from the slow part of a corner, a stop is within the limits of a vehicle that brakes hard: it could have been
@@ -108,15 +108,15 @@ def brisk(f: Flown, share: float) -> int:
     """
     speed = np.linalg.norm(np.gradient(f.enu_m, f.time_s, axis=0), axis=1)
     fast = np.flatnonzero((speed >= 0.6 * f.site.scenario.vehicle.cruise_speed_m_s) & f.on_route)
-    wanted = np.searchsorted(f.time_s, f.moment(share))
+    wanted = np.searchsorted(f.time_s, f.moment(fraction))
     return int(fast[np.argmin(np.abs(fast - wanted))]) if fast.size else int(wanted)
 
 
-def stopped(hover_s: float, share: float) -> Change:
+def stopped(hover_s: float, fraction: float) -> Change:
     """Stands still for a time at one place of the route, without braking."""
 
     def change(f: Flown) -> Flown:
-        here = brisk(f, share)
+        here = brisk(f, fraction)
         count = round(hover_s / f.step_s)
         order = np.concatenate([np.arange(here), np.full(count, here), np.arange(here, len(f))])
         held_s = f.time_s[here] + f.step_s * np.arange(count)
@@ -126,11 +126,11 @@ def stopped(hover_s: float, share: float) -> Change:
     return change
 
 
-def slowed(lasts_s: float, times: float, share: float) -> Change:
+def slowed(lasts_s: float, times: float, fraction: float) -> Change:
     """Flies a part of the route so many times as slow, and changes its speed in no time."""
 
     def change(f: Flown) -> Flown:
-        begin_s = f.time_s[brisk(f, share)]
+        begin_s = f.time_s[brisk(f, fraction)]
         return replace(f, time_s=f.time_s + (times - 1.0) * np.clip(f.time_s - begin_s, 0.0, lasts_s))
 
     return change
@@ -140,11 +140,11 @@ _SOME_DATE_S = 1_767_225_600.0
 """2026. Whether the date is believed does not matter, only how far it goes."""
 
 
-def clocks_apart(by_s: float, share: float) -> Change:
+def clocks_apart(by_s: float, fraction: float) -> Change:
     """The vehicle's clock as it was, and that of the satellites, which goes further or less far from a moment on."""
 
     def change(f: Flown) -> Flown:
-        late = f.time_s >= f.moment(share)
+        late = f.time_s >= f.moment(fraction)
         return replace(f, unix_time_s=_SOME_DATE_S + f.time_s - f.time_s[0] + by_s * late)
 
     return change
@@ -159,38 +159,38 @@ def inserted(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     """
     none = "stops and starts at once"
     for hover_s in (2.0, 5.0, 20.0, 60.0):
-        share = float(rng.uniform(0.1, 0.9))
-        yield Way(f"a hover of {hover_s:g} s that never was", none, stopped(hover_s, share))
+        fraction = float(rng.uniform(0.1, 0.9))
+        yield Way(f"a hover of {hover_s:g} s that never was", none, stopped(hover_s, fraction))
 
     def many_hovers(f: Flown) -> Flown:
-        for share in np.linspace(0.05, 0.95, 10):
-            f = stopped(3.0, float(share))(f)
+        for fraction in np.linspace(0.05, 0.95, 10):
+            f = stopped(3.0, float(fraction))(f)
         return f
 
     yield Way("ten hovers of 3 s that never were", none, many_hovers)
     for lasts_s, times in ((3.0, 4.0), (10.0, 3.0), (30.0, 5.0)):
-        share = float(rng.uniform(0.1, 0.7))
+        fraction = float(rng.uniform(0.1, 0.7))
         yield Way(
             f"{lasts_s:g} s of it {times:g} times as slow",
             "changes its speed in no time",
-            slowed(lasts_s, times, share),
+            slowed(lasts_s, times, fraction),
         )
     for by_s in (-40.0, -8.0, 8.0, 90.0, 900.0):
-        share = float(rng.uniform(0.1, 0.9))
+        fraction = float(rng.uniform(0.1, 0.9))
         why = "of two clocks that run alike one has more time than the other"
-        yield Way(f"the satellites' clock steps by {by_s:g} s", why, clocks_apart(by_s, share))
-    share = float(rng.uniform(0.1, 0.6))
+        yield Way(f"the satellites' clock steps by {by_s:g} s", why, clocks_apart(by_s, fraction))
+    fraction = float(rng.uniform(0.1, 0.6))
     yield Way(
         "a slow part, the satellites' clock as it was", "of two clocks that run alike one has more time than the other",
-        lambda f: slowly(20.0, share)(clocks_apart(0.0, 0.0)(f)),
+        lambda f: slowly(20.0, fraction)(clocks_apart(0.0, 0.0)(f)),
     )  # fmt: skip
 
 
-def slowly(more_s: float, share: float) -> Change:
+def slowly(more_s: float, fraction: float) -> Change:
     """A part of the route takes longer, with smooth ends; no other clock knows of it."""
 
     def change(f: Flown) -> Flown:
-        begin_s, lasts_s = f.moment(share), 1.5 * more_s
+        begin_s, lasts_s = f.moment(fraction), 1.5 * more_s
         phase = np.clip((f.time_s - begin_s) / lasts_s, 0.0, 1.0)
         return replace(f, time_s=f.time_s + more_s * (phase - np.sin(2.0 * np.pi * phase) / (2.0 * np.pi)))
 
@@ -238,14 +238,14 @@ def missing(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
         "all after the last waypoint", "it does not end on the ground", lambda f: f.taken(f.time_s <= f.moment(1.0))
     )
     yield Way("the ways there and home", "begins and ends in the air", lambda f: f.taken(f.on_route))
-    yield Way("half of the way home, and landing", "it ends in the air", _ended_on_the_way_home)
+    yield Way("half of the way home, and landing", "it ends in the air", _ended_on_return)
     for up_m in (30.0, 15.0):
         yield Way(f"the last {up_m:g} m of the landing", "it ends in the air", _not_landed(up_m))
         yield Way(f"the first {up_m:g} m of the take-off", "it begins in the air", _not_taken_off(up_m))
-    yield Way("the way there, between take-off and route", "more than 10 s were not observed", _way_there)
+    yield Way("the way there, between take-off and route", "more than 10 s were not observed", _path_there)
 
 
-def _ended_on_the_way_home(f: Flown) -> Flown:
+def _ended_on_return(f: Flown) -> Flown:
     last_s = f.moment(1.0)
     return f.taken(f.time_s <= last_s + 0.4 * (f.time_s[-1] - last_s))
 
@@ -266,7 +266,7 @@ def _not_taken_off(up_m: float) -> Change:
     return change
 
 
-def _way_there(f: Flown) -> Flown:
+def _path_there(f: Flown) -> Flown:
     up_s = float(f.time_s[np.argmax(f.enu_m[:, 2] - f.enu_m[0, 2] > 5.0)])
     end_s = f.moment(0.0)
     return f.taken(~f.between(up_s, max(end_s, up_s + LONGEST_GAP_S + 1.0)))
@@ -302,12 +302,12 @@ def dates(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
         "2001": 1e9,
     }.items():
         yield Way(name, "the flight was not flown then, and the zone may have been closed", at_date(unix_s))
-    share = float(rng.uniform(0.2, 0.8))
+    fraction = float(rng.uniform(0.2, 0.8))
     for hours in (-5.0, 5.0):
         yield Way(
             f"the track's clock jumps by {hours:g} hours", "one clock does not jump",
             lambda f, h=hours: replace(
-                f, unix_time_s=now_s - 7200.0 * (h > 0.0) + f.time_s - f.time_s[0] + 3600.0 * h * (f.time_s > f.moment(share))
+                f, unix_time_s=now_s - 7200.0 * (h > 0.0) + f.time_s - f.time_s[0] + 3600.0 * h * (f.time_s > f.moment(fraction))
             ),
         )  # fmt: skip
     yield Way("none", "the time of day is not known", lambda f: replace(f, unix_time_s=None))

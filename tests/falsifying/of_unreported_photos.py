@@ -29,21 +29,21 @@ def not_reported(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
         return
     total = float(np.nanmax(flown.photos_taken))
     few = max(1.0, np.ceil(total * float(rng.uniform(0.01, 0.1))))
-    share = float(rng.uniform(0.25, 0.5))
+    fraction = float(rng.uniform(0.25, 0.5))
     every = float(rng.integers(8, 15))
     yield Way(f"stopped after {few:g} of {total:g}", FEWER, counted(lambda _, n: np.minimum(n, few)))
     yield Way(
-        f"stopped at {share:.0%} of the route", FEWER,
-        counted(lambda f, n: np.minimum(n, np.nanmax(n[f.time_s <= f.moment(share)]))),
+        f"stopped at {fraction:.0%} of the route", FEWER,
+        counted(lambda f, n: np.minimum(n, np.nanmax(n[f.time_s <= f.moment(fraction)]))),
     )  # fmt: skip
     yield Way(
-        f"began at {1.0 - share:.0%} of the route", FEWER,
-        counted(lambda f, n: np.maximum(n - np.nanmax(n[f.time_s <= f.moment(1.0 - share)]), 0.0)),
+        f"began at {1.0 - fraction:.0%} of the route", FEWER,
+        counted(lambda f, n: np.maximum(n - np.nanmax(n[f.time_s <= f.moment(1.0 - fraction)]), 0.0)),
     )  # fmt: skip
     yield Way(f"one of {every:g}", FEWER, counted(lambda _, n: np.ceil(n / every)))
     yield Way(
         "none for a part in the middle, and counted as none", FEWER,
-        counted(lambda f, n: _silent(f, n, share, 0.4)),
+        counted(lambda f, n: _silent(f, n, fraction, 0.4)),
     )  # fmt: skip
     yield Way("no photo of this flight, of an earlier one", FEWER, counted(lambda _, n: 0.0 * n + total))
     yield Way("none at all: its count stays 0", FEWER, counted(lambda f, _: np.zeros(len(f))))
@@ -53,7 +53,7 @@ def not_reported(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
         counted(lambda f, _: np.clip(np.arange(len(f)) - np.argmax(f.on_route) + total / 2.0, 0.0, total)),
     )  # fmt: skip
     yield Way("set back by a restart, and then none", FEWER, counted(lambda f, n: np.where(
-        f.time_s <= f.moment(share), n, 0.0)))  # fmt: skip
+        f.time_s <= f.moment(fraction), n, 0.0)))  # fmt: skip
 
 
 def _silent(flown: Flown, count: np.ndarray, begin: float, length: float) -> np.ndarray:

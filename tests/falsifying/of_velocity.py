@@ -56,10 +56,10 @@ def velocities(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     if flown.velocity_ned_m_s is None:
         return
     one_axis = np.eye(3)[int(rng.integers(2))] * flown.site.scenario.vehicle.cruise_speed_m_s
-    share = float(rng.uniform(0.2, 0.6))
+    fraction = float(rng.uniform(0.2, 0.6))
 
     def still(f: Flown, v: FloatArray) -> FloatArray:
-        return np.where(f.between(f.moment(share), f.moment(share + 0.3))[:, None], 0.0, v)
+        return np.where(f.between(f.moment(fraction), f.moment(fraction + 0.3))[:, None], 0.0, v)
 
     ways: tuple[tuple[str, Distort], ...] = (
         ("zero throughout", lambda _, v: 0.0 * v),
@@ -113,14 +113,14 @@ def velocities(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     for position_m in (0.0, 0.1, 0.3, 1.0):
         seed = int(rng.integers(2**31))
 
-        def told(f: Flown, position_m: float = position_m, seed: int = seed) -> Flown:
+        def reported(f: Flown, position_m: float = position_m, seed: int = seed) -> Flown:
             g = noisy(drawn, position_m=position_m, lean_deg=2.0, seed=seed)(replace(f, velocity_ned_m_s=None))
             return replace(g, velocity_ned_m_s=differentiated(drawn(f)))
 
         yield Way(
             f"of the plan as a track, which is off by {position_m:g} m",
             "turns corners in no time",
-            told,
+            reported,
             tells_velocity=True,
         )
     seed = int(rng.integers(2**31))
@@ -142,10 +142,12 @@ def honest_velocities(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     yield Way("velocity with noise", none, distorted(
         lambda _, v: v + np.random.default_rng(1).normal(0.0, 0.1, v.shape)), honest=True)  # fmt: skip
     yield Way("velocity unknown throughout", none, lambda f: replace(f, velocity_ned_m_s=None), honest=True)
-    share, way = float(rng.uniform(0.3, 0.7)), rng.normal(size=3) * [1.0, 1.0, 0.3]
+    fraction, way = float(rng.uniform(0.3, 0.7)), rng.normal(size=3) * [1.0, 1.0, 0.3]
 
     def reset(f: Flown) -> Flown:
-        return f.placed(f.enu_m + np.where(f.time_s >= f.moment(share), 1.0, 0.0)[:, None] * way / np.linalg.norm(way))
+        return f.placed(
+            f.enu_m + np.where(f.time_s >= f.moment(fraction), 1.0, 0.0)[:, None] * way / np.linalg.norm(way)
+        )
 
     yield Way("the estimator moves its position by 1 m", none, reset, honest=True)
     slow = 0.02 * (flown.time_s - flown.time_s[0])

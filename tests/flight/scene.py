@@ -36,8 +36,8 @@ def geodetic(east_north_up: tuple[float, float, float]) -> GeoPoint:
 
 
 def above_home(east_north_up: tuple[float, float, float]) -> tuple[float, float, float]:
-    place = geodetic(east_north_up)
-    return (place.lat_deg, place.lon_deg, place.alt_amsl_m - HOME.alt_amsl_m)
+    position = geodetic(east_north_up)
+    return (position.lat_deg, position.lon_deg, position.alt_amsl_m - HOME.alt_amsl_m)
 
 
 def mission(route: list[tuple[float, float, float]] | None = None, speed_m_s: float = 8.0) -> Mission:
@@ -58,7 +58,7 @@ def plan_for(wanted: Mission, *, home: GeoPoint = HOME, **changes: Any) -> Fligh
     return FlightPlan(mission=wanted, first_waypoint_item=3, waypoint_count=count, frame=FRAME, home=home, **changes)
 
 
-def way_home(lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Mission:
+def return_mission(lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Mission:
     relative = Frame.ABOVE_HOME
     return Mission(
         HOME,
@@ -89,15 +89,15 @@ class Scene:
     def fly(self, wanted: Mission | None = None, **options: Any) -> FlightOutcome:
         wanted = mission() if wanted is None else wanted
         plan = options.pop("plan", None) or plan_for(wanted)
-        plan_return = options.pop("plan_return", way_home)
+        plan_return = options.pop("plan_return", return_mission)
         return fly(self.client, self.monitor, plan, self.orders(**options), plan_return=plan_return)
 
     def orders(self, **options: Any) -> Orders:
         """Orders of a user who wants breaches reported only."""
-        told = {"on_sample": self.samples.append, "on_event": self.events.append}
-        return Orders(**{**told, "precautions": Precautions(on_breach=OnBreach.TELL), **options})
+        reported = {"on_sample": self.samples.append, "on_event": self.events.append}
+        return Orders(**{**reported, "precautions": Precautions(on_breach=OnBreach.TELL), **options})
 
-    def told(self, kind: EventKind) -> list[str]:
+    def reported(self, kind: EventKind) -> list[str]:
         return [event.text for event in self.events if event.kind is kind]
 
     def track(self) -> np.ndarray:

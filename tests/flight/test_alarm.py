@@ -9,18 +9,18 @@ from uavcover.flight.evidence import WATCH
 from uavcover.flight.watch import Alarm, ReportReason
 
 
-def told(amounts: list[float | None], *, step_s: float = 1.0, **options) -> list[tuple[float, ReportReason]]:
+def reported(amounts: list[float | None], *, step_s: float = 1.0, **options) -> list[tuple[float, ReportReason]]:
     alarm = Alarm(**options)
     answers = [(number * step_s, alarm.measure(amount, number * step_s)) for number, amount in enumerate(amounts)]
     return [(at_s, why) for at_s, why in answers if why is not None]
 
 
 def test_nothing_wrong_is_nothing_told():
-    assert told([None] * 100) == []
+    assert reported([None] * 100) == []
 
 
 def test_it_is_told_at_once_every_half_minute_and_when_it_ends():
-    assert told([None, *[5.0] * 70, None, None]) == [
+    assert reported([None, *[5.0] * 70, None, None]) == [
         (1.0, ReportReason.BEGUN), (31.0, ReportReason.LASTS), (61.0, ReportReason.LASTS), (71.0, ReportReason.ENDED),
     ]  # fmt: skip
 
@@ -28,7 +28,7 @@ def test_it_is_told_at_once_every_half_minute_and_when_it_ends():
 def test_it_is_told_each_time_it_has_doubled():
     """The wind of the issue: from 38 m to 4.9 km in silence."""
     amounts = [38.0 + 14.0 * n for n in range(350)]
-    answers = told(amounts)
+    answers = reported(amounts)
     doubled = [amounts[int(at_s)] for at_s, why in answers if why is ReportReason.DOUBLED]
     assert len(doubled) == 6
     assert all(2.0 <= b / a < 2.5 for a, b in zip([38.0, *doubled], doubled, strict=False))
@@ -36,17 +36,20 @@ def test_it_is_told_each_time_it_has_doubled():
 
 
 def test_a_doubling_begins_the_half_minute_anew():
-    assert [at for at, _ in told([1.0] * 20 + [2.0] * 41)] == [0.0, 20.0, 50.0]
+    assert [at for at, _ in reported([1.0] * 20 + [2.0] * 41)] == [0.0, 20.0, 50.0]
 
 
 def test_what_swings_about_its_limit_is_one_alarm():
     swinging = [1.0, None] * 14
-    assert told(swinging, settle_s=2.0) == [(0.0, ReportReason.BEGUN)]
-    assert told([1.0, None, None, None, None], settle_s=2.0) == [(0.0, ReportReason.BEGUN), (3.0, ReportReason.ENDED)]
+    assert reported(swinging, settle_s=2.0) == [(0.0, ReportReason.BEGUN)]
+    assert reported([1.0, None, None, None, None], settle_s=2.0) == [
+        (0.0, ReportReason.BEGUN),
+        (3.0, ReportReason.ENDED),
+    ]
 
 
 def test_one_that_comes_back_begins_anew():
-    assert [why for _, why in told([8.0, None, 1.0, None])] == [
+    assert [why for _, why in reported([8.0, None, 1.0, None])] == [
         ReportReason.BEGUN,
         ReportReason.ENDED,
         ReportReason.BEGUN,
@@ -55,7 +58,7 @@ def test_one_that_comes_back_begins_anew():
 
 
 def test_an_amount_of_nothing_never_doubles():
-    assert told([0.0] * 29) == [(0.0, ReportReason.BEGUN)]
+    assert reported([0.0] * 29) == [(0.0, ReportReason.BEGUN)]
 
 
 @pytest.mark.parametrize("seed", range(50))

@@ -87,9 +87,9 @@ def test_hold_holds_and_does_not_wait_for_ever(autopilot, kind):
     assert outcome.ending is kind
     assert "the vehicle returned along checked legs and landed" in text
     assert not scene.vehicle.armed
-    stops = scene.told(EventKind.STOP)
-    assert any("holds its position in" in told and "for up to 20 s, then returns" in told for told in stops)
-    assert any("has held its position for 20 s without continuing the mission" in told for told in stops)
+    stops = scene.reported(EventKind.STOP)
+    assert any("holds its position in" in reported and "for up to 20 s, then returns" in reported for reported in stops)
+    assert any("has held its position for 20 s without continuing the mission" in reported for reported in stops)
     [begun] = [i.begin_s for i in outcome.incidents if i.kind is kind][:1]
     held = [s for s in scene.samples if begun + 10.0 < s.time_s < begun + 20.0]
     assert math.dist((held[0].east_m, held[0].north_m), (held[-1].east_m, held[-1].north_m)) < 1.0
@@ -163,12 +163,12 @@ def test_wind_that_carries_it_away_is_never_silent(seed):
         scene.fly(timeouts=TIMEOUTS)
     assert caught.value.outcome.ending is Ending.CRASHED
     assert caught.value.outcome.incidents[0].kind is Ending.WIND_ABOVE_LIMITS
-    told = [e for e in scene.events if e.alarm and "off the planned leg" in e.text]
-    far_m = [float(e.text.split(" is ")[1].split(" m ")[0]) for e in told]
+    reported = [e for e in scene.events if e.alarm and "off the planned leg" in e.text]
+    far_m = [float(e.text.split(" is ")[1].split(" m ")[0]) for e in reported]
     assert 30.0 < far_m[0] < 60.0
     assert len(far_m) >= 4
     assert all(b <= 2.3 * a for a, b in pairwise(far_m))
-    assert all(b.time_s - a.time_s <= 31.0 for a, b in pairwise(told))
+    assert all(b.time_s - a.time_s <= 31.0 for a, b in pairwise(reported))
     assert float(caught.value.outcome.incidents[0].text.split(" is ")[1].split(" m ")[0]) >= far_m[-1]
 
 
@@ -187,5 +187,5 @@ def test_a_battery_that_is_low_is_told_and_not_acted_on():
     outcome = flown(scene, around(), OnBreach.HOLD)
     assert outcome.ending is Ending.LANDED
     assert [i.kind for i in outcome.incidents] == [Ending.BATTERY_LOW]
-    told = [e.text for e in scene.events if e.alarm]
-    assert told[0] == "the battery has 15 % left"
+    reported = [e.text for e in scene.events if e.alarm]
+    assert reported[0] == "the battery has 15 % left"

@@ -47,7 +47,7 @@ def incident_texts(outcome: FlightOutcome, kind: Ending) -> list[str]:
     return [incident.text for incident in outcome.incidents if incident.kind is kind]
 
 
-def heights_on_the_way_home(scene: Scene) -> list[float]:
+def heights_on_return(scene: Scene) -> list[float]:
     """Above the planned home, far from it, after the climb with which the way home begins."""
     begun = next(e.time_s for e in scene.events if e.text.startswith("returning along checked legs"))
     return [
@@ -57,10 +57,10 @@ def heights_on_the_way_home(scene: Scene) -> list[float]:
     ]
 
 
-def set_mission(scene: Scene, *places: tuple[float, float, float]) -> None:
+def set_mission(scene: Scene, *positions: tuple[float, float, float]) -> None:
     """A second station uploads another mission."""
-    items = [waypoint(*above_home(place), frame=Frame.ABOVE_HOME) for place in places]
-    items.append(land(*above_home(places[-1])[:2], 0.0, frame=Frame.ABOVE_HOME))
+    items = [waypoint(*above_home(position), frame=Frame.ABOVE_HOME) for position in positions]
+    items.append(land(*above_home(positions[-1])[:2], 0.0, frame=Frame.ABOVE_HOME))
     if scene.vehicle.autopilot.home_in_item_0:
         items.insert(0, waypoint(HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m, frame=Frame.AMSL))
     scene.vehicle.missions.replace(MissionType.MISSION, tuple(items))
@@ -72,7 +72,7 @@ def test_an_undisturbed_way_home_has_no_word_of_it(autopilot):
     scene = scene_of(autopilot)
     outcome, _ = stopped(scene, lambda _: None)
     assert (outcome.ending, outcome.incidents) == (Ending.RETURNED, ())
-    assert not [text for text in scene.told(EventKind.WARNING) if "in flight" in text]
+    assert not [text for text in scene.reported(EventKind.WARNING) if "in flight" in text]
 
 
 @BOTH
@@ -87,8 +87,8 @@ def test_home_moved_lower_has_the_way_home_sent_again_with_its_planned_heights(a
     )
     assert "its clearance above the ground changes from " in text
     assert "is required" not in text, "the band is that of the route"
-    told = scene.told(EventKind.STOP)
-    assert any("home was moved by -25.0 m: the return is uploaded with corrected heights" in one for one in told)
+    reported = scene.reported(EventKind.STOP)
+    assert any("home was moved by -25.0 m: the return is uploaded with corrected heights" in one for one in reported)
     assert outcome.ending is Ending.RETURNED
     over_home = [s.alt_amsl_m for s in scene.samples if abs(s.lat_deg - HOME.lat_deg) < 1e-5 and s.time_s > 60.0]
     assert max(over_home) == pytest.approx(HOME.alt_amsl_m + 30.0, abs=2.0)
@@ -100,7 +100,7 @@ def test_home_moved_is_only_an_alarm_where_the_user_says_so(autopilot):
     outcome, text = stopped(scene, lambda scene: second_station(scene, home_at(up=-5.0)), on_breach=OnBreach.TELL)
     assert outcome.ending is Ending.HOME_MOVED
     assert "the vehicle returned, landed and disarmed" in text
-    assert scene.told(EventKind.STOP).count("uploading the return") == 1
+    assert scene.reported(EventKind.STOP).count("uploading the return") == 1
 
 
 def test_home_moved_twice_is_made_up_for_twice():
@@ -121,16 +121,16 @@ def test_home_moved_twice_is_made_up_for_twice():
     outcome, _ = stopped(scene, twice)
     assert outcome.ending is Ending.RETURNED
     assert len(incident_texts(outcome, Ending.HOME_MOVED)) == 2
-    assert any("home was moved by +10.0 m" in text for text in scene.told(EventKind.STOP))
-    assert max(heights_on_the_way_home(scene)) < 62.0
+    assert any("home was moved by +10.0 m" in text for text in scene.reported(EventKind.STOP))
+    assert max(heights_on_return(scene)) < 62.0
 
 
 def test_home_moved_aside_does_not_change_our_way_home():
     scene = scene_of()
     outcome, _ = stopped(scene, lambda scene: second_station(scene, home_at(north=60.0)))
     assert outcome.ending is Ending.RETURNED
-    assert [text for text in scene.told(EventKind.WARNING) if "this does not affect the return" in text]
-    assert scene.told(EventKind.STOP).count("uploading the return") == 1
+    assert [text for text in scene.reported(EventKind.WARNING) if "this does not affect the return" in text]
+    assert scene.reported(EventKind.STOP).count("uploading the return") == 1
     assert scene.samples[-1].lat_deg == pytest.approx(HOME.lat_deg, abs=1e-5)
 
 
@@ -140,7 +140,7 @@ def test_another_mission_on_the_way_home_is_replaced_by_a_new_way_home(autopilot
     outcome, _ = stopped(scene, lambda scene: set_mission(scene, (150.0, -150.0, 30.0), (150.0, -60.0, 30.0)))
     [text] = incident_texts(outcome, Ending.MISSION_CHANGED)
     assert "another station changed the mission" in text
-    assert any("planning the return again" in one for one in scene.told(EventKind.STOP))
+    assert any("planning the return again" in one for one in scene.reported(EventKind.STOP))
     assert outcome.ending is Ending.RETURNED
     assert scene.samples[-1].lat_deg == pytest.approx(HOME.lat_deg, abs=1e-5)
 
@@ -155,16 +155,16 @@ def test_a_station_that_sends_its_mission_again_and_again_ends_in_a_hold():
         def listen(now: float) -> None:
             nonlocal sent
             go_on(now)
-            ways = scene.told(EventKind.STOP).count("returning along checked legs")
-            if ways > sent:
-                sent = ways
+            paths = scene.reported(EventKind.STOP).count("returning along checked legs")
+            if paths > sent:
+                sent = paths
                 set_mission(scene, (150.0, -150.0, 30.0), (150.0, -60.0, 30.0))
 
         vehicle.control.mission.go_on = listen
 
     outcome, _ = stopped(scene, meddle)
     assert outcome.ending is Ending.LEFT_HOLDING
-    assert "the return was interrupted 3 times, most recently because " in scene.told(EventKind.STOP)[-1]
+    assert "the return was interrupted 3 times, most recently because " in scene.reported(EventKind.STOP)[-1]
 
 
 @pytest.mark.parametrize(
@@ -187,8 +187,10 @@ def test_a_parameter_that_is_changed_on_the_way_home_is_judged_by_it(parameter, 
         scene.vehicle.send(scene.vehicle.parameters.message(parameter))
 
     outcome, text = stopped(scene, change, on_breach=OnBreach.TELL)
-    told = " | ".join([*scene.told(EventKind.WARNING), text, *(incident.text for incident in outcome.incidents)])
-    assert said in told
+    reported = " | ".join(
+        [*scene.reported(EventKind.WARNING), text, *(incident.text for incident in outcome.incidents)]
+    )
+    assert said in reported
     assert outcome.ending is (Ending.RETURNED if kind is None else kind)
 
 
@@ -214,9 +216,11 @@ def test_a_hold_on_the_way_home_ends_with_the_way_home():
         scene.monitor.lists_taken[MissionType.FENCE] += 1
 
     outcome, text = stopped(scene, change, on_breach=OnBreach.HOLD)
-    told = scene.told(EventKind.STOP)
-    assert any("then uavcover plans the return again: press Ctrl-C to keep the vehicle holding" in one for one in told)
-    assert any("planning the return again: another station changed the vehicle's fence" in one for one in told)
+    reported = scene.reported(EventKind.STOP)
+    assert any(
+        "then uavcover plans the return again: press Ctrl-C to keep the vehicle holding" in one for one in reported
+    )
+    assert any("planning the return again: another station changed the vehicle's fence" in one for one in reported)
     assert not scene.vehicle.armed
     assert outcome.ending is Ending.RETURNED, text
     [changed] = [incident for incident in outcome.incidents if incident.kind is Ending.FENCE_CHANGED]

@@ -59,13 +59,13 @@ def test_parameters_tell_when_the_uid_does_not(autopilot, name, value, expected,
 
 def test_a_vehicle_that_does_not_know_set_mission_current_is_sent_the_message(monkeypatch):
     monkeypatch.delitem(reactions._HANDLERS, 224)
-    asked = []
+    requested = []
     original = FlightControl.set_current
-    monkeypatch.setattr(FlightControl, "set_current", lambda self, seq: (asked.append(seq), original(self, seq))[1])
+    monkeypatch.setattr(FlightControl, "set_current", lambda self, seq: (requested.append(seq), original(self, seq))[1])
     scene = make_scene()
     scene.upload(mission())
     assert scene.fly().ending is Ending.LANDED
-    assert asked == [1]
+    assert requested == [1]
 
 
 def test_refused_intervals_are_warnings(monkeypatch):
@@ -73,7 +73,7 @@ def test_refused_intervals_are_warnings(monkeypatch):
     scene.upload(mission())
     monkeypatch.setitem(reactions._HANDLERS, 511, lambda *_: CommandResult.DENIED)
     assert scene.fly().ending is Ending.LANDED
-    assert "Attitude every 0.1 s: the vehicle answered DENIED" in scene.told(EventKind.WARNING)
+    assert "Attitude every 0.1 s: the vehicle answered DENIED" in scene.reported(EventKind.WARNING)
 
 
 def test_a_vehicle_that_stays_armed_after_landing_is_told_to_disarm(monkeypatch):

@@ -135,13 +135,13 @@ def test_an_undisturbed_flight_is_not_late(autopilot):
 def test_a_battery_that_lasts_only_for_the_way_home_brings_it_home(autopilot):
     needs = PlanNeeds(
         pace=PACE, return_height_m=30.0, fence=False, vehicle=Vehicle(endurance_s=600.0, reserve_fraction=0.2),
-        way_home_s=lambda _: 45.0,
+        return_s=lambda _: 45.0,
     )  # fmt: skip
     scene = scene_of(autopilot, "speed-changed:2.5@25s", battery=BatteryData(endurance_s=190.0))
     outcome, text = flown(scene, needs=needs)
     assert outcome.ending is Ending.RESERVE_KEPT, text
     assert scene.vehicle.body.battery.remaining > 0.1
-    assert any("the vehicle returns now" in told for told in scene.told(EventKind.STOP))
+    assert any("the vehicle returns now" in reported for reported in scene.reported(EventKind.STOP))
 
 
 @AUTOPILOTS
@@ -184,9 +184,9 @@ def test_a_hold_ends_when_its_breach_is_over_and_the_mission_goes_on(autopilot):
 
     outcome, text = flown(scene, around=volume(outside_fence_m=outside))
     assert outcome.ending is Ending.LANDED, text
-    stops = scene.told(EventKind.STOP)
-    assert any("the vehicle now holds its position" in told for told in stops)
-    assert any("the reason for the hold is gone: the vehicle continues" in told for told in stops)
+    stops = scene.reported(EventKind.STOP)
+    assert any("the vehicle now holds its position" in reported for reported in stops)
+    assert any("the reason for the hold is gone: the vehicle continues" in reported for reported in stops)
     assert outcome.waypoints_reached == 4
 
 

@@ -44,9 +44,9 @@ def test_a_forced_disarm_in_the_air_is_a_crash_with_its_height(autopilot, seed):
     heights_m = true_height_m(scene)
     outcome, text = ended(scene)
     assert outcome.ending is Ending.CRASHED
-    told = re.search(r"disarmed (\d+) m above (home|the ground), descending at", text)
-    assert told is not None, text
-    assert float(told[1]) == pytest.approx(heights_m[0], abs=2.0)
+    reported = re.search(r"disarmed (\d+) m above (home|the ground), descending at", text)
+    assert reported is not None, text
+    assert float(reported[1]) == pytest.approx(heights_m[0], abs=2.0)
     assert "landed and disarmed" not in text
     assert scene.vehicle.body.on_ground, "the record goes on until it lies still"
     assert scene.samples[-1].alt_amsl_m == pytest.approx(HOME.alt_amsl_m, abs=0.5)
@@ -89,18 +89,18 @@ def test_a_fall_after_a_pilot_took_over_is_a_crash_and_both_are_told():
 
 
 def test_a_vehicle_that_falls_is_not_told_to_disarm(monkeypatch):
-    told: list[tuple[float, ...]] = []
+    reported: list[tuple[float, ...]] = []
     scene = faulty_scene(ARDUPILOT, "force-disarm@20s")
     original = type(scene.client).command
 
     def command(client, number, *params, **options):
         if number == 400:
-            told.append(params)
+            reported.append(params)
         return original(client, number, *params, **options)
 
     monkeypatch.setattr(type(scene.client), "command", command)
     ended(scene)
-    assert told == [(1.0,)]
+    assert reported == [(1.0,)]
 
 
 def hill(height_m: float):
@@ -157,10 +157,10 @@ def test_a_fall_onto_a_hill_is_a_crash_with_the_height_above_what_is_known(heigh
     outcome, text = ended(scene, wanted=wanted, plan=plan_for(wanted, **terrain))
     assert outcome.ending is Ending.CRASHED
     above, of = (60.0 - height_m, "the ground") if known else (60.0, "home")
-    told = re.search(r"disarmed (\d+) m above (home|the ground)", text)
-    assert told is not None
-    assert told[2] == of
-    assert float(told[1]) == pytest.approx(above, abs=2.0)
+    reported = re.search(r"disarmed (\d+) m above (home|the ground)", text)
+    assert reported is not None
+    assert reported[2] == of
+    assert float(reported[1]) == pytest.approx(above, abs=2.0)
 
 
 @pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)

@@ -164,7 +164,7 @@ def test_the_record_of_a_changed_mission_names_no_planned_waypoints():
     assert {s.current_waypoint for s in scene.samples if s.time_s > changed.begin_s + 0.2} == {-1}
     assert any(
         "further change to the vehicle's mission: count is 8 instead of 9" in text
-        for text in scene.told(EventKind.WARNING)
+        for text in scene.reported(EventKind.WARNING)
     )
 
 
@@ -205,7 +205,9 @@ def test_a_stop_does_not_fight_the_pilot():
     outcome, text = ended(scene, stop=lambda: sum((scene.monitor.time_s or 0.0) > at_s for at_s in (32.0, 40.0)))
     assert outcome.ending is Ending.PILOT_TOOK_OVER
     assert 40.0 <= scene.samples[-1].time_s < 42.0, "the first stop does not end the record"
-    assert any("recording continues until the vehicle is on the ground" in said for said in scene.told(EventKind.STOP))
+    assert any(
+        "recording continues until the vehicle is on the ground" in said for said in scene.reported(EventKind.STOP)
+    )
     assert (
         "uavcover no longer follows the flight: the pilot or station that controls the vehicle remains in control"
         in text
@@ -246,7 +248,7 @@ def test_a_pause_holds_the_vehicle_and_then_it_goes_on(autopilot):
     assert outcome.incidents == ()
     held = [s for s in scene.samples if 45.0 < s.time_s < 119.0]
     assert max(s.east_m for s in held) - min(s.east_m for s in held) < 1.0
-    assert [text.split(":")[0] for text in scene.told(EventKind.STOP)] == [
+    assert [text.split(":")[0] for text in scene.reported(EventKind.STOP)] == [
         "paused",
         "the vehicle continues its mission",
     ]

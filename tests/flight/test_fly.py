@@ -19,7 +19,7 @@ from tests.flight.scene import (
     make_scene,
     mission,
     plan_for,
-    way_home,
+    return_mission,
 )
 from uavcover.errors import VehicleError
 from uavcover.flight.fly import fly
@@ -52,8 +52,8 @@ def test_a_mission_is_flown_from_the_ground_to_the_ground(autopilot):
     track = scene.track()
     assert outcome.duration_s == pytest.approx(track[-1, 0] - track[0, 0])
     for point in ROUTE_ENU_M:
-        place = geodetic(point)
-        here = FRAME.enu_from_geodetic(place.lat_deg, place.lon_deg, place.alt_amsl_m)[0]
+        position = geodetic(point)
+        here = FRAME.enu_from_geodetic(position.lat_deg, position.lon_deg, position.alt_amsl_m)[0]
         assert np.linalg.norm(track[:, 1:] - here, axis=1).min() < 2.0
     assert not scene.vehicle.armed
     assert scene.samples[-1].alt_amsl_m == pytest.approx(HOME.alt_amsl_m, abs=0.01)
@@ -142,7 +142,7 @@ def test_a_mission_that_ends_with_a_return_is_flown():
 def test_what_the_vehicle_says_before_it_is_ready_is_passed_on():
     scene = ready_scene(behaviour=quick(30.0))
     scene.fly()
-    stages = scene.told(EventKind.STAGE)
+    stages = scene.reported(EventKind.STAGE)
     assert stages.index("waiting until the vehicle is ready") < stages.index("the vehicle is ready")
     assert scene.samples[0].time_s >= 30.0
 
@@ -278,7 +278,7 @@ def test_a_lost_link_is_an_error_and_the_record_is_kept():
         scene.fly(timeouts=FlightTimeouts(link_lost_s=8.0))
     assert caught.value.outcome.ending is Ending.LINK_LOST
     assert caught.value.outcome.sample_count == len(scene.samples)
-    assert "no messages from vehicle 1 for 3.0 s; waiting up to 8 s" in scene.told(EventKind.WARNING)
+    assert "no messages from vehicle 1 for 3.0 s; waiting up to 8 s" in scene.reported(EventKind.WARNING)
     assert scene.samples[-1].time_s == pytest.approx(40.0, abs=0.3)
     assert len(scene.samples) > 200
     assert scene.link.clock.now() < 49.0
@@ -330,11 +330,11 @@ def test_a_pilot_who_lands_it_early_is_an_error_that_says_how_far_it_came():
                 on_event=lambda event: (scene.events.append(event), land_at_waypoint_2(event)),
                 precautions=Precautions(on_breach=OnBreach.TELL),
             ),
-            plan_return=way_home,
+            plan_return=return_mission,
         )
     assert (
         "the vehicle changed to land mode: no failsafe was reported, so a pilot or another ground station changed the mode"
-        in scene.told(EventKind.WARNING)
+        in scene.reported(EventKind.WARNING)
     )
 
 

@@ -11,7 +11,7 @@ from uavcover.flight.ground_contact import GroundContact
 HOME_ALT_M = 312.5
 
 
-def place(time_s: float, height_m: float, *, sink_m_s: float = 0.0, speed_m_s: float = 0.0, lat_deg: float = 36.5):
+def position(time_s: float, height_m: float, *, sink_m_s: float = 0.0, speed_m_s: float = 0.0, lat_deg: float = 36.5):
     return m.GlobalPositionInt(time_s, lat_deg, -84.2, HOME_ALT_M + height_m, height_m, speed_m_s, 0.0, sink_m_s, 0.0)
 
 
@@ -22,7 +22,7 @@ def contact(
     ground = GroundContact()
     for step in range(31):
         ground.take_position(
-            place(0.1 * step, height_m - sink_m_s * 0.1 * step, sink_m_s=sink_m_s, speed_m_s=speed_m_s)
+            position(0.1 * step, height_m - sink_m_s * 0.1 * step, sink_m_s=sink_m_s, speed_m_s=speed_m_s)
         )
     if state is not None:
         for number in range(words):
@@ -64,7 +64,7 @@ def test_on_a_hill_the_terrain_tells_the_height():
     hill = GroundContact()
     hill.know_ground(lambda *_: 310.0 + 60.0, home_alt_amsl_m=310.0)
     for step in range(31):
-        hill.take_position(place(0.1 * step, 60.4))
+        hill.take_position(position(0.1 * step, 60.4))
     for step in range(9):
         hill.take_word(LandedState.ON_GROUND, 0.6 + 0.3 * step)
     assert hill.on_ground(3.0) is True
@@ -79,7 +79,7 @@ def fall_from(
         since_s = max(0.0, time_s - at_s)
         above_m = max(0.0, height_m - 4.9 * since_s**2)
         sink_m_s = 9.8 * since_s if above_m > 0.0 else 0.0
-        ground.take_position(place(time_s, ground_m + above_m, sink_m_s=sink_m_s))
+        ground.take_position(position(time_s, ground_m + above_m, sink_m_s=sink_m_s))
         ground.take_word(LandedState.ON_GROUND if since_s > 0.0 else LandedState.IN_AIR, time_s)
         time_s += 1.0 / hz
     return ground.fall(at_s + heard_after_s, time_s)
@@ -107,7 +107,7 @@ def test_a_landing_is_no_fall_however_high_the_ground_is(land_m_s, rest_s, groun
         slow = left_s < 8.0
         above_m = land_m_s * left_s if slow else 8.0 * land_m_s + descent_m_s * (left_s - 8.0)
         sink_m_s = 0.0 if left_s == 0.0 else land_m_s if slow else descent_m_s
-        ground.take_position(place(time_s, ground_m + above_m, sink_m_s=sink_m_s))
+        ground.take_position(position(time_s, ground_m + above_m, sink_m_s=sink_m_s))
         ground.take_word(LandedState.ON_GROUND if left_s == 0.0 else LandedState.LANDING, time_s)
         time_s += 0.1
     assert ground.fall(time_s, time_s) is None
@@ -120,7 +120,7 @@ def test_a_landing_is_no_fall_where_it_is_told_late(hz, land_m_s):
     ground, time_s, touch_s = GroundContact(), 0.0, 10.0
     while time_s < touch_s + 3.0:
         left_s = max(0.0, touch_s - time_s)
-        ground.take_position(place(time_s, land_m_s * left_s, sink_m_s=land_m_s if left_s > 0.0 else 0.0))
+        ground.take_position(position(time_s, land_m_s * left_s, sink_m_s=land_m_s if left_s > 0.0 else 0.0))
         ground.take_word(LandedState.LANDING if left_s > 0.0 else LandedState.ON_GROUND, time_s)
         time_s += 1.0 / hz
     assert ground.fall(1.0, time_s) is None
@@ -132,7 +132,7 @@ def test_a_fall_that_few_positions_show_is_one(hz):
     while time_s < 12.0:
         fallen_s = max(0.0, time_s - 4.1)
         above_m = max(0.0, 6.0 - 0.7 * min(time_s, 4.1) - 4.9 * fallen_s**2) + 3.0 * (time_s < 4.1)
-        ground.take_position(place(time_s, above_m, sink_m_s=0.7 if fallen_s == 0.0 else 0.0))
+        ground.take_position(position(time_s, above_m, sink_m_s=0.7 if fallen_s == 0.0 else 0.0))
         ground.take_word(LandedState.ON_GROUND if fallen_s > 0.0 else LandedState.LANDING, time_s)
         time_s += 1.0 / hz
     assert ground.fall(4.5, time_s) is not None

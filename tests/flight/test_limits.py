@@ -136,11 +136,13 @@ def test_endurance_is_judged_by_the_vehicles_own_values(px4, seed):
         assert table(px4, the_plan(longest_flight_s=endurance_s), **values)["flight time"].weight is weight
 
 
-@pytest.mark.parametrize(("off_m", "told"), [(2.9, None), (-2.9, None), (3.1, "43.1 to 83.1"), (-8.0, "32.0 to 72.0")])
-def test_home_in_height_says_what_it_does_to_the_band(off_m, told):
+@pytest.mark.parametrize(
+    ("off_m", "reported"), [(2.9, None), (-2.9, None), (3.1, "43.1 to 83.1"), (-8.0, "32.0 to 72.0")]
+)
+def test_home_in_height_says_what_it_does_to_the_band(off_m, reported):
     row = table(False, home_off_m=off_m)["home altitude above sea level"]
-    assert row.weight is (Weight.NONE if told is None else Weight.WARNING)
-    assert told is None or f"a band of 40 to 80 m becomes {told} m" in row.matters
+    assert row.weight is (Weight.NONE if reported is None else Weight.WARNING)
+    assert reported is None or f"a band of 40 to 80 m becomes {reported} m" in row.matters
 
 
 # In a flight.
@@ -158,10 +160,10 @@ class Keeper:
     """Agrees, and remembers what it was told to keep."""
 
     def __init__(self, *, agrees: bool = True) -> None:
-        self.agrees, self.asked, self.kept = agrees, [], [{}]
+        self.agrees, self.requested, self.kept = agrees, [], [{}]
 
     def agree(self, text: str) -> bool:
-        self.asked.append(text)
+        self.requested.append(text)
         return self.agrees
 
     def keep(self, values: Mapping[str, float]) -> None:
@@ -192,7 +194,7 @@ def test_the_table_is_told_and_is_in_the_outcome(autopilot):
     assert outcome.ending is Ending.LANDED
     rows = {row["parameter"]: row for row in outcome.as_json()["limits"]}
     for name in LOW[autopilot.name]:
-        assert any(name in text and text.count(" | ") == 3 for text in scene.told(EventKind.STAGE))
+        assert any(name in text and text.count(" | ") == 3 for text in scene.reported(EventKind.STAGE))
         assert rows[name]["weight"] in ("warning", "note")
     assert values_of(scene, LOW[autopilot.name]) == pytest.approx(LOW[autopilot.name])
 
@@ -239,8 +241,8 @@ def test_what_the_plan_needs_is_set_and_put_back_however_it_ends(autopilot, end)
     if end != "arming refused":
         assert in_flight == pytest.approx(SET[autopilot.name])
     assert values_of(scene, LOW[autopilot.name]) == pytest.approx(LOW[autopilot.name])
-    [asked] = keeper.asked
-    assert all(name in asked for name in LOW[autopilot.name])
+    [requested] = keeper.requested
+    assert all(name in requested for name in LOW[autopilot.name])
     assert keeper.kept[1] == pytest.approx(LOW[autopilot.name])
     assert keeper.kept[-1] == {}
 
@@ -370,13 +372,13 @@ def warnings(autopilot, settings, **planned):
     scene = make_scene(autopilot, settings=settings)
     scene.upload(mission())
     scene.fly(plan=dataclasses.replace(plan_for(mission()), **planned))
-    return [text for text in scene.told(EventKind.WARNING) if "but the plan assumes" in text]
+    return [text for text in scene.reported(EventKind.WARNING) if "but the plan assumes" in text]
 
 
 @pytest.mark.parametrize(("autopilot", "name"), [(ARDUPILOT, "WPNAV_SPEED_UP"), (PX4, "MPC_Z_V_AUTO_UP")])
 def test_a_vehicle_that_climbs_slower_than_planned_is_told(autopilot, name):
-    told = warnings(autopilot, Settings(climb_m_s=2.5, descent_m_s=5.0), max_climb_m_s=5.0, max_descent_m_s=5.0)
-    assert told == [
+    reported = warnings(autopilot, Settings(climb_m_s=2.5, descent_m_s=5.0), max_climb_m_s=5.0, max_descent_m_s=5.0)
+    assert reported == [
         f"the vehicle climbs at 2.5 m/s ({name}), but the plan assumes 5 m/s: the flight takes longer than planned; "
         "plan with the vehicle's speed, or set the parameter"
     ]

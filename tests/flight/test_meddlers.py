@@ -59,9 +59,9 @@ def test_a_companions_word_changes_nothing_of_a_flight(lie, monkeypatch):
     times = [sample.time_s for sample in scene.samples]
     assert max(b - a for a, b in pairwise(times)) <= 0.25
     east_north = [(s.east_m, s.north_m) for s in scene.samples]
-    assert max(abs(v) for place in east_north for v in place) < 1000.0
+    assert max(abs(v) for position in east_north for v in position) < 1000.0
     assert max(abs(s.roll_deg) + abs(s.pitch_deg) for s in scene.samples) < 60.0
-    assert not scene.told(EventKind.WARNING)
+    assert not scene.reported(EventKind.WARNING)
 
 
 @pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
@@ -75,7 +75,7 @@ def test_all_of_it_at_once_and_ctrl_c_still_comes_home(autopilot):
 def test_what_a_companion_says_to_the_pilot_is_shown_with_its_component():
     scene = meddled(ARDUPILOT, [lambda _: m.StatusText(2, "Crash: of the video process")])
     assert scene.fly().ending is Ending.LANDED
-    assert "component 191: Crash: of the video process" in scene.told(EventKind.TEXT)
+    assert "component 191: Crash: of the video process" in scene.reported(EventKind.TEXT)
 
 
 class StutteringPeer(InMemoryPeer):
@@ -116,11 +116,11 @@ def test_one_wrong_message_of_the_autopilot_itself_ends_no_flight_and_no_record(
 
 @pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 def test_ctrl_c_while_the_autopilot_says_on_ground_in_the_air_disarms_nothing(autopilot, monkeypatch):
-    told: list[bool] = []
+    reported: list[bool] = []
     original = FlightControl.disarm
 
     def disarm(control, **how):
-        told.append(control.state.body.on_ground)
+        reported.append(control.state.body.on_ground)
         return original(control, **how)
 
     monkeypatch.setattr(FlightControl, "disarm", disarm)
@@ -129,7 +129,7 @@ def test_ctrl_c_while_the_autopilot_says_on_ground_in_the_air_disarms_nothing(au
     monkeypatch.setattr(type(scene.vehicle.body), "landed_state", LandedState.ON_GROUND)
     outcome = scene.fly(stop=presses(scene, 35.0))
     assert outcome.ending in (Ending.RETURNED, Ending.LEFT_HOLDING)
-    assert told == [] or all(told)
+    assert reported == [] or all(reported)
 
 
 class Namesake(InMemoryPeer):

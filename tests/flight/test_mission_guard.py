@@ -10,7 +10,7 @@ from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Mode
 from mission_io.errors import TransferError
 from mission_io.links.simulated import Conditions
 from mission_io.model.items import Command, Mission, MissionType
-from tests.flight.scene import ROUTE_ENU_M, Scene, make_scene, mission, plan_for, way_home
+from tests.flight.scene import ROUTE_ENU_M, Scene, make_scene, mission, plan_for, return_mission
 from uavcover.flight.fly import fly
 from uavcover.flight.orders import OnBreach, Orders, Precautions
 from uavcover.mock.faults import parse_fault
@@ -108,12 +108,12 @@ def test_another_mission_id_is_a_sign_of_its_own():
 def test_reading_back_every_minute_costs_no_position_and_no_ending(autopilot):
     wanted = mission(LONG_M)
     scene = scene_of(autopilot, wanted=wanted, conditions=Conditions(delay_s=0.05, jitter_s=0.02))
-    asked = count_downloads(scene)
+    requested = count_downloads(scene)
     outcome = scene.fly(wanted)
     assert outcome.ending is Ending.LANDED
     assert outcome.waypoints_reached == len(LONG_M)
     assert outcome.incidents == ()
-    assert 3 <= len(asked) <= LISTS * (2 + outcome.duration_s / 60.0)
+    assert 3 <= len(requested) <= LISTS * (2 + outcome.duration_s / 60.0)
     steps_s = [b.time_s - a.time_s for a, b in pairwise(scene.samples)]
     assert max(steps_s) <= 0.4
 
@@ -124,10 +124,10 @@ def test_a_bad_link_is_asked_patiently(seed):
     wanted = mission(LONG_M)
     scene = make_scene(ARDUPILOT, seed=seed, conditions=Conditions(loss=0.25, delay_s=0.1, jitter_s=0.1))
     scene.upload(wanted)
-    asked = count_downloads(scene)
+    requested = count_downloads(scene)
     outcome = scene.fly(wanted)
     assert outcome.ending is Ending.LANDED
-    assert len(asked) <= LISTS * (2 + outcome.duration_s / 60.0)
+    assert len(requested) <= LISTS * (2 + outcome.duration_s / 60.0)
     steps_s = [b.time_s - a.time_s for a, b in pairwise(scene.samples)]
     assert max(steps_s) <= 2.0
 
@@ -145,8 +145,8 @@ def test_a_mission_that_cannot_be_read_is_told_once_and_tried_again_ever_later()
 
     scene.client.download = refuse
     assert scene.fly(wanted).ending is Ending.LANDED
-    told = [t for t in scene.told(EventKind.WARNING) if "in flight: busy; uavcover keeps trying" in t]
-    assert len(told) == len(set(told)) == len(tries) == LISTS
+    reported = [t for t in scene.reported(EventKind.WARNING) if "in flight: busy; uavcover keeps trying" in t]
+    assert len(reported) == len(set(reported)) == len(tries) == LISTS
     for times_s in tries.values():
         waits_s = [b - a for a, b in pairwise(times_s)]
         assert waits_s == sorted(waits_s)
@@ -163,10 +163,10 @@ def test_a_word_for_a_change_that_was_none_is_no_incident():
             for _ in range(12):
                 scene.vehicle.say(2, "Auto mission changed, restarted command")
 
-    asked = count_downloads(scene)
+    requested = count_downloads(scene)
     outcome = scene.fly(on_event=listen)
     assert (outcome.ending, outcome.incidents) == (Ending.LANDED, ())
-    assert 2 <= len(asked) <= 1 + 3 * len(ROUTE_ENU_M)
+    assert 2 <= len(requested) <= 1 + 3 * len(ROUTE_ENU_M)
 
 
 def test_a_mission_one_step_of_the_wire_off_is_flown():
@@ -181,14 +181,14 @@ def test_a_mission_one_step_of_the_wire_off_is_flown():
 
 def count_downloads(scene: Scene) -> list[float]:
     """When the mission is read, as it grows."""
-    download, asked = scene.client.download, []
+    download, requested = scene.client.download, []
 
     def noted(mission_type, **options):
-        asked.append(scene.link.clock.now())
+        requested.append(scene.link.clock.now())
         return download(mission_type, **options)
 
     scene.client.download = noted
-    return asked
+    return requested
 
 
 def test_a_vehicle_that_goes_back_to_its_mission_mode_on_the_ground_was_still_taken_over():
@@ -211,7 +211,7 @@ def test_a_vehicle_that_goes_back_to_its_mission_mode_on_the_ground_was_still_ta
             Orders(
                 on_sample=scene.samples.append, on_event=interfere, precautions=Precautions(on_breach=OnBreach.TELL)
             ),
-            plan_return=way_home,
+            plan_return=return_mission,
         )
     outcome = failed.value.outcome
     [taken] = outcome.incidents

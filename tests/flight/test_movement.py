@@ -45,7 +45,7 @@ def test_a_vehicle_that_moves_less_than_it_has_to_stands_still_everywhere(lon_de
 def test_a_hold_across_the_180th_meridian_is_no_drift():
     ours = session()
     hold = HoldWatch(ours, None, may_go_on=False)
-    hold._place, ours.monitor.position = at(10.0, 179.99999), at(10.0, -179.99999)
+    hold._position, ours.monitor.position = at(10.0, 179.99999), at(10.0, -179.99999)
     assert 1.0 < hold.drift_m < 4.0
 
 
@@ -53,8 +53,8 @@ def test_a_flight_across_the_180th_meridian_is_no_jump(monkeypatch):
     evidence, found = Causes.__new__(Causes), []
     evidence._before, evidence._monitor = None, Monitor()
     monkeypatch.setattr(Causes, "_note", lambda _self, cause, text: found.append((cause, text)))
-    for place in (at(10.0, 179.99999, 1.0), at(10.0, -179.99999, 1.5)):
-        evidence._monitor.position = place
+    for position in (at(10.0, 179.99999, 1.0), at(10.0, -179.99999, 1.5)):
+        evidence._monitor.position = position
         evidence._look_for_jump()
     assert not found
     evidence._monitor.position = at(10.01, -179.99999, 2.0)

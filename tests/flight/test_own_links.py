@@ -14,7 +14,7 @@ from tests.flight.test_limits import the_plan
 from tests.planner.sites import make_site
 from tests.scenario.scenario_texts import GOOD, parse, refused
 from uavcover.errors import InputError
-from uavcover.flight.connect import VehiclePlace, given_places, links_of_run, links_of_scenario, require_different
+from uavcover.flight.connect import VehicleAddress, given_addresses, links_of_run, links_of_scenario, require_different
 from uavcover.flight.monitor import open_vehicle
 from uavcover.model.track import Ending, EventKind, FlightFailedError
 from uavcover.run.folder import RunFolder
@@ -22,7 +22,7 @@ from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.vehicles import vehicle_scenario
 
 ONE, OTHER = 'link = "udpin://127.0.0.1:14550"\n', 'link = "udpin://127.0.0.1:14560"\n'
-MOCK = VehiclePlace("mock:")
+MOCK = VehicleAddress("mock:")
 VEHICLE = "[vehicle]\ncruise_speed_m_s = 10.0\n"
 
 
@@ -42,7 +42,7 @@ def run_of(folder: Path, text: str, *, fleet: object) -> RunFolder:
 
 def test_links_of_all_vehicles_in_their_order(tmp_path: Path) -> None:
     source = scenario_file(tmp_path, f"[[vehicle]]\n{ONE}[[vehicle]]\n{OTHER}")
-    own = [VehiclePlace("udpin://127.0.0.1:14550"), VehiclePlace("udpin://127.0.0.1:14560")]
+    own = [VehicleAddress("udpin://127.0.0.1:14550"), VehicleAddress("udpin://127.0.0.1:14560")]
     assert links_of_scenario(source, [], sortie=None) == own
     assert links_of_scenario(source, [MOCK, MOCK], sortie=None) == [MOCK, MOCK]
     assert links_of_scenario(source, [MOCK], sortie=2) == [MOCK]
@@ -75,23 +75,28 @@ def test_a_flight_is_at_the_link_of_its_vehicle(tmp_path: Path) -> None:
         run_of(run.path / f"sortie-{number}", dump_scenario(vehicle_scenario(site, number)), fleet=None)
     assert len(links_of_run(run, [], sortie=None)) == 2
     assert links_of_run(run, [MOCK], sortie=None) == [MOCK]
-    assert links_of_run(run, [], sortie=2) == [VehiclePlace("udpin://127.0.0.1:14560")]
-    assert links_of_run(RunFolder(run.path / "sortie-1"), [], sortie=None) == [VehiclePlace("udpin://127.0.0.1:14550")]
+    assert links_of_run(run, [], sortie=2) == [VehicleAddress("udpin://127.0.0.1:14560")]
+    assert links_of_run(RunFolder(run.path / "sortie-1"), [], sortie=None) == [
+        VehicleAddress("udpin://127.0.0.1:14550")
+    ]
     gaps = run_of(run.path / "gaps", dump_scenario(fleet), fleet=None)
-    assert links_of_run(gaps, [], sortie=None) == [VehiclePlace("udpin://127.0.0.1:14550")]
+    assert links_of_run(gaps, [], sortie=None) == [VehicleAddress("udpin://127.0.0.1:14550")]
 
 
 def test_one_link_with_a_system_for_each_vehicle(tmp_path: Path) -> None:
     source = scenario_file(tmp_path, f"[[vehicle]]\n{ONE}system_id = 4\n[[vehicle]]\n{ONE}system_id = 7\n")
     radio = "udpin://127.0.0.1:14550"
-    assert links_of_scenario(source, [], sortie=None) == [VehiclePlace(radio, 4), VehiclePlace(radio, 7)]
-    assert given_places([radio], [4, 7]) == [VehiclePlace(radio, 4), VehiclePlace(radio, 7)]
-    assert given_places([radio, radio, "mock:"], [4, 7, 1])[1:] == [VehiclePlace(radio, 7), VehiclePlace("mock:", 1)]
-    assert given_places(["udp:127.0.0.1:1", "udp:127.0.0.1:2"], [5]) == [
-        VehiclePlace("udp:127.0.0.1:1", 5), VehiclePlace("udp:127.0.0.1:2", 5),
+    assert links_of_scenario(source, [], sortie=None) == [VehicleAddress(radio, 4), VehicleAddress(radio, 7)]
+    assert given_addresses([radio], [4, 7]) == [VehicleAddress(radio, 4), VehicleAddress(radio, 7)]
+    assert given_addresses([radio, radio, "mock:"], [4, 7, 1])[1:] == [
+        VehicleAddress(radio, 7),
+        VehicleAddress("mock:", 1),
+    ]
+    assert given_addresses(["udp:127.0.0.1:1", "udp:127.0.0.1:2"], [5]) == [
+        VehicleAddress("udp:127.0.0.1:1", 5), VehicleAddress("udp:127.0.0.1:2", 5),
     ]  # fmt: skip
-    assert given_places([radio], None) == [VehiclePlace(radio)]
-    assert given_places(None, None) == given_places([], [5]) == []
+    assert given_addresses([radio], None) == [VehicleAddress(radio)]
+    assert given_addresses(None, None) == given_addresses([], [5]) == []
 
 
 @pytest.mark.parametrize(
@@ -106,11 +111,11 @@ def test_one_link_with_a_system_for_each_vehicle(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_places_that_do_not_fit(urls: list[str], systems: list[int], words: str) -> None:
     with pytest.raises(InputError, match=words):
-        given_places(urls, systems)
+        given_addresses(urls, systems)
 
 
 def test_vehicles_at_one_place() -> None:
-    udp = VehiclePlace("udp:127.0.0.1:1")
+    udp = VehicleAddress("udp:127.0.0.1:1")
     require_different([MOCK, MOCK, udp])
     with pytest.raises(InputError, match=r"--to: udp:127\.0\.0\.1:1 is used 2 times"):
         require_different([udp, MOCK, udp])
@@ -183,7 +188,7 @@ def test_a_station_that_is_not_minded_is_told_that_its_silence_does_not_count():
     plan = dataclasses.replace(the_plan(), needs=None)
     with contextlib.suppress(FlightFailedError):  # the vehicle returns: it has not heard its own station since
         scene.fly(plan=plan)
-    assert any("(MAV_GCS_SYSID), planned 255" in text for text in scene.told(EventKind.WARNING))
+    assert any("(MAV_GCS_SYSID), planned 255" in text for text in scene.reported(EventKind.WARNING))
 
 
 def test_a_bad_link_is_no_deaf_vehicle():

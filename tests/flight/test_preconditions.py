@@ -73,7 +73,7 @@ def test_an_undisturbed_flight_has_no_word_of_it():
     scene = scene_of()
     outcome, _ = flown(scene, lambda _: None)
     assert (outcome.ending, outcome.incidents) == (Ending.LANDED, ())
-    assert not [text for text in scene.told(EventKind.WARNING) if "in flight" in text]
+    assert not [text for text in scene.reported(EventKind.WARNING) if "in flight" in text]
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_a_home_that_is_put_back_is_an_incident_that_is_over():
     )
     [moved] = [incident for incident in outcome.incidents if incident.kind is Ending.HOME_MOVED]
     assert moved.end_s is not None
-    assert "the vehicle's home was restored" in scene.told(EventKind.WARNING)
+    assert "the vehicle's home was restored" in scene.reported(EventKind.WARNING)
 
 
 def test_a_home_that_is_put_back_after_the_band_was_left_is_no_good_ending():
@@ -151,7 +151,7 @@ def test_the_way_home_that_we_fly_then_has_its_planned_heights(autopilot, up):
         for s in scene.samples[len(scene.samples) // 2 :]
         if abs(s.lat_deg - HOME.lat_deg) < 1e-5 and abs(s.lon_deg - HOME.lon_deg) < 1e-5
     ]
-    assert max(over_home) == pytest.approx(HOME.alt_amsl_m + 30.0, abs=2.0), "as way_home plans it"
+    assert max(over_home) == pytest.approx(HOME.alt_amsl_m + 30.0, abs=2.0), "as return_plan plans it"
 
 
 @pytest.mark.parametrize(
@@ -178,9 +178,9 @@ def test_a_parameter_that_is_changed_in_flight_is_judged(autopilot, parameter, v
         scene.vehicle.send(scene.vehicle.parameters.message(parameter))  # as after a PARAM_SET, to all
 
     outcome, text = flown(scene, change)
-    told = " | ".join(scene.told(EventKind.WARNING)) + text
-    assert f"{parameter} was changed in flight from " in told
-    assert said in told
+    reported = " | ".join(scene.reported(EventKind.WARNING)) + text
+    assert f"{parameter} was changed in flight from " in reported
+    assert said in reported
     if ending is Ending.LANDED:
         assert outcome.ending is ending
     else:
@@ -203,9 +203,9 @@ def test_a_camera_that_turns_with_the_legs_makes_a_changed_heading_a_breach():
 def test_a_change_that_is_not_broadcast_is_found_by_reading_each_parameter_again():
     scene = scene_of()
     flown(scene, lambda scene: scene.vehicle.parameters.put("MIS_RESTART", 1.0), at=0)
-    assert any("MIS_RESTART was changed in flight" in text for text in scene.told(EventKind.WARNING))
-    asked = [name for name in scene.told(EventKind.WARNING) if "was changed" in name]
-    assert len(asked) == 1
+    assert any("MIS_RESTART was changed in flight" in text for text in scene.reported(EventKind.WARNING))
+    requested = [name for name in scene.reported(EventKind.WARNING) if "was changed" in name]
+    assert len(requested) == 1
 
 
 @pytest.mark.parametrize(("autopilot", "name"), [(ARDUPILOT, "CAM1_TRIGG_DIST"), (PX4, "TRIG_DISTANCE")])
@@ -227,9 +227,9 @@ def test_the_trigger_distance_that_the_mission_itself_sets_is_no_change(
 
     outcome, _ = flown(scene, change, plan=dataclasses.replace(plan, mission=survey))
     assert outcome.ending is Ending.LANDED
-    told = [text for text in scene.told(EventKind.WARNING) if f"{name} was changed in flight from 0 to" in text]
-    assert len(told) == warnings
-    assert all(text.endswith("to 30: the mission sets it to 15.0732") for text in told)
+    reported = [text for text in scene.reported(EventKind.WARNING) if f"{name} was changed in flight from 0 to" in text]
+    assert len(reported) == warnings
+    assert all(text.endswith("to 30: the mission sets it to 15.0732") for text in reported)
 
 
 def square(half_m: float) -> Fence:
@@ -246,10 +246,10 @@ def test_a_fence_that_another_station_makes_smaller_is_a_breach(autopilot):
         assert scene.client.upload_and_verify(square(100.0), in_flight=True).passed
 
     outcome, text = flown(scene, change)
-    told = text + " | ".join(incident.text for incident in outcome.incidents)
+    reported = text + " | ".join(incident.text for incident in outcome.incidents)
     assert any(incident.kind is Ending.FENCE_CHANGED for incident in outcome.incidents)
-    assert "another station changed the vehicle's fence in flight" in told
-    assert "the remaining mission leads 40 m outside this fence; an active" in told
+    assert "another station changed the vehicle's fence in flight" in reported
+    assert "the remaining mission leads 40 m outside this fence; an active" in reported
 
 
 def test_rally_points_that_are_changed_are_told_and_do_not_end_the_flight():
@@ -280,10 +280,10 @@ def test_lists_that_are_not_the_planned_ones_are_told_before_arming():
         the_plan(), lists=(square(300.0), RallyPoints()), returns=SimpleNamespace(advice=advice)
     )
     flown(scene, lambda _: None, plan=same)
-    assert not [text for text in scene.told(EventKind.WARNING) if "not as planned" in text]
+    assert not [text for text in scene.reported(EventKind.WARNING) if "not as planned" in text]
     scene.events.clear()
     flown(scene, lambda _: None, plan=other)
-    fence, rally = [text for text in scene.told(EventKind.WARNING) if "not as planned" in text]
+    fence, rally = [text for text in scene.reported(EventKind.WARNING) if "not as planned" in text]
     assert (
         fence
         == "the vehicle's fence is not as planned: count is 0 instead of 4; the vehicle has no fence; repeat plan-upload"
@@ -307,9 +307,9 @@ def test_a_station_with_our_system_id_is_told_once():
         scene.client.peers.take(m.Received(m.Heartbeat(8, 6), 255, 191))
 
     flown(scene, appear)
-    told = [text for text in scene.told(EventKind.WARNING) if "uses uavcover's system ID, 255" in text]
-    assert len(told) == 1
-    assert "--own-system" in told[0]
+    reported = [text for text in scene.reported(EventKind.WARNING) if "uses uavcover's system ID, 255" in text]
+    assert len(reported) == 1
+    assert "--own-system" in reported[0]
     assert scene.vehicle.mode is not Mode.GUIDED
 
 
@@ -321,4 +321,7 @@ def test_a_vehicle_that_does_not_listen_any_more_is_told():
         scene.vehicle.parameters.put("MAV_OPTIONS", 1)
 
     flown(scene, turn_away, at=0)
-    assert len([text for text in scene.told(EventKind.WARNING) if "did not answer 8 consecutive requests" in text]) == 1
+    assert (
+        len([text for text in scene.reported(EventKind.WARNING) if "did not answer 8 consecutive requests" in text])
+        == 1
+    )

@@ -13,8 +13,8 @@ FAR_M = np.array([50.0, 300.0, 80.0])
 
 def passage_of(*moments: tuple[int, tuple[float, float, float]], radius_m: float = 3.0) -> Passage:
     passage = Passage(ROUTE_M, radius_m=radius_m)
-    for number, place_m in moments:
-        passage.take(number, np.array(place_m))
+    for number, position_m in moments:
+        passage.take(number, np.array(position_m))
     return passage
 
 
@@ -34,20 +34,22 @@ def test_a_jump_passes_nothing():
 
 
 def test_a_missed_message_counts_what_was_flown_past():
-    seen = passage_of((0, tuple(ROUTE_M[0])), (2, tuple(ROUTE_M[1])), (2, (100.0, 39.0, 50.0)))
-    assert seen.reached == 3
+    observed = passage_of((0, tuple(ROUTE_M[0])), (2, tuple(ROUTE_M[1])), (2, (100.0, 39.0, 50.0)))
+    assert observed.reached == 3
 
 
 def test_two_waypoints_close_together_are_passed_between_two_positions():
     """The vehicle turns just inside the radius: neither position is there, and the item between them was never told."""
-    seen = passage_of((0, tuple(ROUTE_M[0])), (1, (90.0, 0.0, 50.0)), (3, (100.0, 3.0, 50.0)), (3, (97.0, 39.0, 50.0)))
-    assert seen.reached == 3
+    observed = passage_of(
+        (0, tuple(ROUTE_M[0])), (1, (90.0, 0.0, 50.0)), (3, (100.0, 3.0, 50.0)), (3, (97.0, 39.0, 50.0))
+    )
+    assert observed.reached == 3
 
 
-@pytest.mark.parametrize(("place", "reached"), [(ROUTE_M[3], 4), (FAR_M, 3)], ids=["there", "elsewhere"])
-def test_the_last_one_counts_where_the_vehicle_goes_on_to_something_else(place, reached):
+@pytest.mark.parametrize(("position", "reached"), [(ROUTE_M[3], 4), (FAR_M, 3)], ids=["there", "elsewhere"])
+def test_the_last_one_counts_where_the_vehicle_goes_on_to_something_else(position, reached):
     flown = [(k, tuple(ROUTE_M[k])) for k in range(3)]
-    assert passage_of(*flown, (3, tuple(FAR_M)), (-1, tuple(place))).reached == reached
+    assert passage_of(*flown, (3, tuple(FAR_M)), (-1, tuple(position))).reached == reached
 
 
 def test_passing_by_on_the_way_home_counts_nothing():
@@ -77,13 +79,13 @@ def flown(
     rows = []
     for number, begin, end in parts:
         count = max(2, int(np.linalg.norm(np.subtract(end, begin))) + 1)
-        rows += [(number, *place) for place in np.linspace(begin, end, count).tolist()]
+        rows += [(number, *position) for position in np.linspace(begin, end, count).tolist()]
     table = np.array(rows)
     time_s = 100.0 + 0.1 * np.arange(len(table))
     if lost is not None:
         table, time_s = np.delete(table, lost, axis=0), np.delete(time_s, lost)
-    places = table[:, 1:].copy()
-    return Track(time_s, places.copy(), places, np.zeros((len(table), 3)), table[:, 0].astype(np.int64))
+    positions = table[:, 1:].copy()
+    return Track(time_s, positions.copy(), positions, np.zeros((len(table), 3)), table[:, 0].astype(np.int64))
 
 
 def legs(count: int) -> list[tuple[int, tuple[float, ...], tuple[float, ...]]]:
@@ -99,23 +101,23 @@ def found(*parts, **options) -> ResumePoint:
 def test_a_whole_flight_leaves_nothing():
     broken = found(*legs(3), (-1, tuple(SLOPED_M[3]), (-50.0, 0.0, 60.0)))
     assert broken.waypoint == 4
-    assert len(remaining_route(SLOPED_M, broken, radius_m=3.0, sees_along_legs=True)) == 0
+    assert len(remaining_route(SLOPED_M, broken, radius_m=3.0, observes_along_legs=True)) == 0
 
 
 def test_a_flight_that_never_came_to_the_route_leaves_all_of_it():
     broken = found((-1, (-50.0, 0.0, 0.0), (-50.0, 0.0, 60.0)), (0, (-50.0, 0.0, 60.0), (-20.0, 0.0, 60.0)))
     assert broken == ResumePoint(0, 0.0)
-    assert (remaining_route(SLOPED_M, broken, radius_m=3.0, sees_along_legs=True) == SLOPED_M).all()
+    assert (remaining_route(SLOPED_M, broken, radius_m=3.0, observes_along_legs=True) == SLOPED_M).all()
 
 
 def test_a_leg_that_was_left_is_gone_on_with_a_little_before_that_place():
     broken = found(*legs(0), (1, tuple(SLOPED_M[0]), (60.0, 1.0, 50.0)), (-1, (60.0, 1.0, 50.0), (60.0, 80.0, 0.0)))
     assert broken.waypoint == 1
     assert broken.flown_m == pytest.approx(60.0, abs=0.1)
-    left = remaining_route(SLOPED_M, broken, radius_m=3.0, sees_along_legs=True)
+    left = remaining_route(SLOPED_M, broken, radius_m=3.0, observes_along_legs=True)
     assert left[0] == pytest.approx([60.0 - 6.0 - 5.0, 0.0, 50.0], abs=0.1)
     assert (left[1:] == SLOPED_M[1:]).all()
-    assert (remaining_route(SLOPED_M, broken, radius_m=3.0, sees_along_legs=False) == SLOPED_M[1:]).all()
+    assert (remaining_route(SLOPED_M, broken, radius_m=3.0, observes_along_legs=False) == SLOPED_M[1:]).all()
 
 
 def test_who_drifts_off_the_leg_has_not_flown_it():
@@ -134,4 +136,4 @@ def test_a_route_left_right_at_a_waypoint_begins_there():
     broken = found(*legs(2))
     assert broken.waypoint == 3
     assert broken.flown_m == pytest.approx(0.0, abs=0.2)
-    assert (remaining_route(SLOPED_M, broken, radius_m=3.0, sees_along_legs=True) == SLOPED_M[2:]).all()
+    assert (remaining_route(SLOPED_M, broken, radius_m=3.0, observes_along_legs=True) == SLOPED_M[2:]).all()

@@ -24,7 +24,7 @@ AUTOPILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a
 CHECKS = m.PREARM_CHECK_BIT
 OTHER_SENSOR = 0x20
 GOOD_FILTER = int(EkfFlag.ATTITUDE | EkfFlag.POSITION_HORIZONTAL_ABSOLUTE)
-PLACE = m.GlobalPositionInt(1.0, HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m, 0.0, 0.0, 0.0, 0.0, 0.0)
+POSITION = m.GlobalPositionInt(1.0, HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def ready_scene(*args, **options) -> Scene:
@@ -44,25 +44,25 @@ def status(present: int, healthy: int) -> m.SysStatus:
     return m.SysStatus(present, present, healthy, 0.1, 15.0, 1.0, 90)
 
 
-def lacked(*told: m.Message, ardupilot: bool = True) -> list[str]:
-    heard = {type(message): message for message in told}
+def lacked(*reported: m.Message, ardupilot: bool = True) -> list[str]:
+    heard = {type(message): message for message in reported}
     return missing(
         SimpleNamespace(monitor=SimpleNamespace(latest=heard.get, doubts_positions=False), is_ardupilot=ardupilot)
     )
 
 
-READY = (fix(3), m.EkfStatusReport(GOOD_FILTER), status(CHECKS, CHECKS), PLACE)
+READY = (fix(3), m.EkfStatusReport(GOOD_FILTER), status(CHECKS, CHECKS), POSITION)
 
 
 def test_a_vehicle_that_is_ready_lacks_nothing_and_a_silent_one_everything() -> None:
     assert lacked(*READY) == []
-    assert lacked(fix(3), status(CHECKS, CHECKS), PLACE, ardupilot=False) == []
+    assert lacked(fix(3), status(CHECKS, CHECKS), POSITION, ardupilot=False) == []
     assert lacked() == ["satellite fix", "position estimate", "passed pre-arm check", "position messages"]
     assert lacked(ardupilot=False) == ["satellite fix", "passed pre-arm check", "position messages"]
 
 
 @pytest.mark.parametrize(
-    ("told", "lacks"),
+    ("reported", "lacks"),
     [
         (fix(0), ["satellite fix"]),
         (fix(2), ["satellite fix"]),
@@ -76,8 +76,8 @@ def test_a_vehicle_that_is_ready_lacks_nothing_and_a_silent_one_everything() -> 
     ],
     ids=str,
 )
-def test_what_one_message_says_is_lacking(told: m.Message, lacks: list[str]) -> None:
-    assert lacked(*READY, told) == lacks
+def test_what_one_message_says_is_lacking(reported: m.Message, lacks: list[str]) -> None:
+    assert lacked(*READY, reported) == lacks
 
 
 # Asked why
@@ -90,26 +90,26 @@ def test_ardupilot_is_asked_why_every_15_s_as_long_as_it_knows_the_question(
     monkeypatch: pytest.MonkeyPatch, answer: CommandResult, asked_about: int
 ) -> None:
     scene = ready_scene(behaviour=quick(100.0))
-    asked_s: list[float] = []
+    requested_s: list[float] = []
 
     def handle(*_: object) -> CommandResult:
-        asked_s.append(scene.monitor.time_s or 0.0)
+        requested_s.append(scene.monitor.time_s or 0.0)
         return answer
 
     monkeypatch.setitem(reactions._HANDLERS, 401, handle)
     scene.fly()
-    assert len(asked_s) == pytest.approx(asked_about, abs=1 if asked_about > 1 else 0)
-    assert all(after - before >= 15.0 for before, after in itertools.pairwise(asked_s))
+    assert len(requested_s) == pytest.approx(asked_about, abs=1 if asked_about > 1 else 0)
+    assert all(after - before >= 15.0 for before, after in itertools.pairwise(requested_s))
 
 
 def test_px4_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = ready_scene(PX4)
-    asked: list[object] = []
-    monkeypatch.setitem(reactions._HANDLERS, 401, lambda *what: (asked.append(what), CommandResult.ACCEPTED)[1])
+    requested: list[object] = []
+    monkeypatch.setitem(reactions._HANDLERS, 401, lambda *what: (requested.append(what), CommandResult.ACCEPTED)[1])
     monkeypatch.setattr(MockVehicle, "checks_pass", False)
     with pytest.raises(VehicleError, match="vehicle 1 has no passed pre-arm check within 120 s"):
         scene.fly()
-    assert asked == []
+    assert requested == []
 
 
 # Rates
@@ -124,11 +124,11 @@ INTERVALS_S = {
 @AUTOPILOTS
 def test_what_following_needs_is_asked_for(autopilot, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = ready_scene(autopilot)
-    asked: list[tuple[type[m.Message], float | None]] = []
+    requested: list[tuple[type[m.Message], float | None]] = []
     original = MockState.set_interval
 
     def record(vehicle: MockState, kind: type[m.Message], interval_s: float | None) -> None:
-        asked.append((kind, interval_s))
+        requested.append((kind, interval_s))
         original(vehicle, kind, interval_s)
 
     monkeypatch.setattr(MockState, "set_interval", record)
@@ -136,9 +136,9 @@ def test_what_following_needs_is_asked_for(autopilot, monkeypatch: pytest.Monkey
     wanted = dict(INTERVALS_S)
     if autopilot is PX4:
         del wanted[m.EkfStatusReport], wanted[m.MissionCurrent]
-    first = asked[: len(wanted)]
+    first = requested[: len(wanted)]
     assert {kind: pytest.approx(interval_s) for kind, interval_s in first} == wanted
-    assert scene.told(EventKind.WARNING) == []
+    assert scene.reported(EventKind.WARNING) == []
 
 
 @pytest.mark.parametrize(
@@ -158,11 +158,11 @@ def test_what_comes_too_rarely_is_asked_for_three_times_and_refused(
     monkeypatch: pytest.MonkeyPatch, kind: type[m.Message], interval_s: float, needs: str
 ) -> None:
     scene = ready_scene()
-    asked: list[type[m.Message]] = []
+    requested: list[type[m.Message]] = []
     original = MockState.set_interval
 
     def slow(vehicle: MockState, what: type[m.Message], wanted_s: float | None) -> None:
-        asked.append(what)
+        requested.append(what)
         original(vehicle, what, interval_s if what is kind else wanted_s)
 
     monkeypatch.setattr(MockState, "set_interval", slow)
@@ -171,25 +171,25 @@ def test_what_comes_too_rarely_is_asked_for_three_times_and_refused(
         match=rf"the vehicle sends {kind.__name__} \d.\d times a second .* requires {needs}; the flight was not started",
     ):
         scene.fly()
-    assert asked.count(kind) == 3
-    assert all(asked.count(other) == 1 for other in INTERVALS_S if other is not kind)
+    assert requested.count(kind) == 3
+    assert all(requested.count(other) == 1 for other in INTERVALS_S if other is not kind)
     assert not scene.vehicle.armed
 
 
 def test_what_comes_often_enough_on_the_second_asking_is_flown_with(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = ready_scene()
-    asked: list[type[m.Message]] = []
+    requested: list[type[m.Message]] = []
     original = MockState.set_interval
 
     def slow_at_first(vehicle: MockState, what: type[m.Message], wanted_s: float | None) -> None:
-        asked.append(what)
-        late = what is m.Attitude and asked.count(what) == 1
+        requested.append(what)
+        late = what is m.Attitude and requested.count(what) == 1
         original(vehicle, what, 2.0 if late else wanted_s)
 
     monkeypatch.setattr(MockState, "set_interval", slow_at_first)
     scene.fly()
-    assert asked.count(m.Attitude) == 2
-    assert asked.count(m.GlobalPositionInt) == 1
+    assert requested.count(m.Attitude) == 2
+    assert requested.count(m.GlobalPositionInt) == 1
 
 
 class Telling:
@@ -198,12 +198,12 @@ class Telling:
     is_px4, is_ardupilot = True, False
 
     def __init__(self, **per_half_second: int) -> None:
-        self.asked: list[type[m.Message]] = []
+        self.requested: list[type[m.Message]] = []
         self.timeouts = FlightTimeouts()
         self.monitor = SimpleNamespace(time_s=0.0, counts=Counter())
         self.client = SimpleNamespace(
             vehicle=SimpleNamespace(mav_autopilot=AutopilotId.PX4), clock=SimpleNamespace(now=lambda: self.monitor.time_s),
-            request_message_interval=lambda kind, _interval_s: self.asked.append(kind),
+            request_message_interval=lambda kind, _interval_s: self.requested.append(kind),
         )  # fmt: skip
         self._per_half_second = per_half_second
 
@@ -220,7 +220,7 @@ def test_exactly_as_often_as_needed_is_often_enough() -> None:
     # Attitudes have to come twice a second, positions five times.
     enough = Telling(GlobalPositionInt=3)
     check_telemetry(enough)
-    assert enough.asked == []
+    assert enough.requested == []
     with pytest.raises(
         VehicleError,
         match=r"the vehicle sends GlobalPositionInt 4\.0 times a second .* requires 5; the flight was not started",
@@ -238,10 +238,10 @@ def test_exactly_as_often_as_needed_is_often_enough() -> None:
 
 def talking(home: GeoPoint, here: GeoPoint | None = None) -> SimpleNamespace:
     """A session with a vehicle that says where its home is, and where it is itself."""
-    told = m.HomePosition(home.lat_deg, home.lon_deg, home.alt_amsl_m)
+    reported = m.HomePosition(home.lat_deg, home.lon_deg, home.alt_amsl_m)
     position = here and m.GlobalPositionInt(1.0, here.lat_deg, here.lon_deg, here.alt_amsl_m, 0.0, 0.0, 0.0, 0.0, 0.0)
     return SimpleNamespace(
-        client=SimpleNamespace(request_message=lambda _kind: told),
+        client=SimpleNamespace(request_message=lambda _kind: reported),
         monitor=SimpleNamespace(latest=lambda _kind: position),
     )
 

@@ -78,16 +78,16 @@ def test_without_any_attitude_nothing_is_made_up() -> None:
 
 
 def test_the_time_of_day_is_the_vehicles() -> None:
-    told = m.SystemTime(1_780_000_000.0, 49.5)
-    assert recorded(None, told).unix_time_s == 1_780_000_000.5  # half a second later
+    reported = m.SystemTime(1_780_000_000.0, 49.5)
+    assert recorded(None, reported).unix_time_s == 1_780_000_000.5  # half a second later
     for unknown in (m.SystemTime(0.0, 49.5), m.SystemTime(49.5, 49.5)):
         assert math.isnan(recorded(None, unknown).unix_time_s)
     assert math.isnan(recorded(None).unix_time_s)
 
 
 def test_a_sample_says_whether_there_is_a_fix() -> None:
-    def has_fix(*told: m.Message) -> float:
-        return recorded(None, *told).has_fix
+    def has_fix(*reported: m.Message) -> float:
+        return recorded(None, *reported).has_fix
 
     filter_flags = EkfFlag.POSITION_HORIZONTAL_ABSOLUTE
     good, lost = m.EkfStatusReport(int(filter_flags)), m.EkfStatusReport(int(filter_flags | EkfFlag.CONSTANT_POSITION))
@@ -125,8 +125,8 @@ def test_when_a_position_arrived_is_on_the_clock_of_the_ground_station():
     assert recorded(None).received_utc_s == 1.7e9 + 7.5
 
 
-def velocity(*told: tuple[float, float, float]) -> list[float]:
-    sample = recorded(None, velocities=told)
+def velocity(*reported: tuple[float, float, float]) -> list[float]:
+    sample = recorded(None, velocities=reported)
     return [sample.velocity_north_m_s, sample.velocity_east_m_s, sample.velocity_down_m_s]
 
 
@@ -147,11 +147,11 @@ def scene_at(
     rate_hz: float, autopilot: Autopilot, monkeypatch: pytest.MonkeyPatch, *faults: str
 ) -> tuple[Scene, list[TruthSample]]:
     """A vehicle that tells its position and attitude so often, whatever it is asked for, and its own log."""
-    asked = Streams.set_interval
+    requested = Streams.set_interval
 
     def set_interval(self: Streams, kind: type[m.Message], interval_s: float | None, now: float) -> None:
         own = kind in (m.GlobalPositionInt, m.Attitude)
-        asked(self, kind, 1.0 / rate_hz if own else interval_s, now)
+        requested(self, kind, 1.0 / rate_hz if own else interval_s, now)
 
     monkeypatch.setattr(Streams, "set_interval", set_interval)
     log: list[TruthSample] = []
@@ -162,10 +162,10 @@ def scene_at(
 
 def assert_whole(scene: Scene, log: list[TruthSample]) -> None:
     times_s = [sample.time_s for sample in scene.samples]
-    told = [true for true in log if times_s[0] - 1e-9 <= true.time_s <= times_s[-1] + 1e-9]
-    assert times_s == pytest.approx([true.time_s for true in told], abs=0.0011), "MAVLink counts milliseconds"
+    reported = [true for true in log if times_s[0] - 1e-9 <= true.time_s <= times_s[-1] + 1e-9]
+    assert times_s == pytest.approx([true.time_s for true in reported], abs=0.0011), "MAVLink counts milliseconds"
     recorded = np.array([(s.lat_deg, s.lon_deg, s.alt_amsl_m) for s in scene.samples])
-    true = np.array([(s.lat_deg, s.lon_deg, s.alt_amsl_m) for s in told])
+    true = np.array([(s.lat_deg, s.lon_deg, s.alt_amsl_m) for s in reported])
     assert np.abs(recorded[:, :2] - true[:, :2]).max() <= 0.6e-7
     assert np.abs(recorded[:, 2] - true[:, 2]).max() <= 0.0006
 

@@ -16,7 +16,7 @@ import pytest
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Mode
 from mission_io.links.simulated import Conditions, SimulatedLink
 from mission_io.model.enums import CommandResult
-from tests.flight.scene import Scene, make_scene, mission, plan_for, presses, way_home
+from tests.flight.scene import Scene, make_scene, mission, plan_for, presses, return_mission
 from tests.planner.sites import hills, make_site
 from uavcover.errors import InputError
 from uavcover.flight.command import commands_after_flight
@@ -316,7 +316,7 @@ def test_left_holding_it_closes_the_gaps_from_where_it_is_and_lands(site, run, u
     assert up_since_s == track.time_s[0]
     closed = field.recorded(
         gaps,
-        lambda orders: fly_from_the_air(station, site, mission.closing.route, orders, up_since_s=up_since_s),
+        lambda orders: fly_from_the_air(station, site, mission.repair.route, orders, up_since_s=up_since_s),
         killed_after=10**9,
     )
     assert closed is not None
@@ -403,7 +403,7 @@ def test_a_vehicle_in_the_air_goes_on_with_the_item_that_it_is_told(autopilot, m
     plan = dataclasses.replace(plan_for(mission()), first_waypoint_item=5, waypoint_count=2)
     outcome = take_over(
         scene.client, scene.monitor, lambda *_: Continuation(plan, upload=False, first_item=5),
-        scene.orders(), plan_return=way_home,
+        scene.orders(), plan_return=return_mission,
     )  # fmt: skip
     assert outcome.ending is Ending.LANDED
     begun_s = begun[0][0]

@@ -5,7 +5,7 @@ import pytest
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Mode
 from mission_io.model.enums import CommandResult
 from mission_io.model.items import Mission
-from tests.flight.scene import HOME, Scene, make_scene, mission, presses, way_home
+from tests.flight.scene import HOME, Scene, make_scene, mission, presses, return_mission
 from uavcover.errors import InfeasibleError, VehicleError
 from uavcover.flight.orders import Clearance
 from uavcover.mock.behaviour import quick
@@ -23,11 +23,11 @@ def scene_with_mission(autopilot=ARDUPILOT) -> Scene:
 @pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 def test_once_holds_and_flies_home_along_the_checked_legs(autopilot):
     scene = scene_with_mission(autopilot)
-    asked = []
+    requested = []
 
     def plan_return(lat_deg, lon_deg, alt_amsl_m):
-        asked.append((lat_deg, lon_deg, alt_amsl_m))
-        return way_home(lat_deg, lon_deg, alt_amsl_m)
+        requested.append((lat_deg, lon_deg, alt_amsl_m))
+        return return_mission(lat_deg, lon_deg, alt_amsl_m)
 
     outcome = scene.fly(stop=presses(scene, 35.0), plan_return=plan_return)
 
@@ -35,7 +35,7 @@ def test_once_holds_and_flies_home_along_the_checked_legs(autopilot):
     assert not scene.vehicle.armed
     assert scene.samples[-1].alt_amsl_m == pytest.approx(HOME.alt_amsl_m, abs=0.01)
     assert scene.samples[-1].lat_deg == pytest.approx(HOME.lat_deg, abs=1e-5)
-    [(lat_deg, lon_deg, alt_amsl_m)] = asked
+    [(lat_deg, lon_deg, alt_amsl_m)] = requested
     # The way home begins with a climb by 10 m where the vehicle holds.
     over = [s for s in scene.samples if abs(s.alt_amsl_m - alt_amsl_m - 10.0) < 2.0 and s.time_s > 35.0]
     assert any(abs(s.lat_deg - lat_deg) < 3e-5 and abs(s.lon_deg - lon_deg) < 3e-5 for s in over)
@@ -53,8 +53,8 @@ def test_a_return_that_the_wind_blows_away_is_told_from_its_first_item_on():
         FlightFailedError, match="the vehicle is in guided mode and does not stop within 20 s; now: in the air"
     ):
         scene.fly(stop=presses(scene, 77.0, 150.0))
-    told = [event.text for event in scene.events]
-    after = told[next(k for k, text in enumerate(told) if text.startswith("returning along checked legs")) :]
+    reported = [event.text for event in scene.events]
+    after = reported[next(k for k, text in enumerate(reported) if text.startswith("returning along checked legs")) :]
     assert [text for text in after if "m off the planned leg to item 1, because the wind is too strong" in text]
     assert max(sample.east_m for sample in scene.samples) > 300.0
 
@@ -66,7 +66,8 @@ def test_twice_leaves_it_holding_and_says_so():
     assert scene.vehicle.armed
     assert scene.vehicle.mode is Mode.GUIDED
     assert (
-        "the user stopped the flight a second time: the vehicle holds in guided mode" in scene.told(EventKind.STOP)[-1]
+        "the user stopped the flight a second time: the vehicle holds in guided mode"
+        in scene.reported(EventKind.STOP)[-1]
     )
     before = scene.vehicle.body.point.position_m
     scene.vehicle.advance(scene.vehicle.time_s + 60.0)
@@ -87,18 +88,20 @@ def test_without_a_checked_way_home_it_is_left_holding():
     scene = scene_with_mission()
     outcome = scene.fly(stop=presses(scene, 35.0), plan_return=none)
     assert outcome.ending is Ending.LEFT_HOLDING
-    assert "no checked return starts at the current position: a ridge is in the way" in scene.told(EventKind.STOP)[-1]
+    assert (
+        "no checked return starts at the current position: a ridge is in the way" in scene.reported(EventKind.STOP)[-1]
+    )
 
 
 def test_a_way_home_that_the_vehicle_does_not_take_leaves_it_holding():
     scene = scene_with_mission()
 
     def too_long(lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Mission:
-        return Mission(HOME, way_home(lat_deg, lon_deg, alt_amsl_m).items * 300)
+        return Mission(HOME, return_mission(lat_deg, lon_deg, alt_amsl_m).items * 300)
 
     outcome = scene.fly(stop=presses(scene, 35.0), plan_return=too_long)
     assert outcome.ending is Ending.LEFT_HOLDING
-    assert "cannot upload the return" in scene.told(EventKind.STOP)[-1]
+    assert "cannot upload the return" in scene.reported(EventKind.STOP)[-1]
 
 
 def test_before_it_is_ready_nothing_is_armed():
@@ -149,7 +152,7 @@ def test_one_that_must_go_home_flies_the_checked_legs(held):
     assert outcome.ending is Ending.RESERVE_KEPT
     assert outcome.ending.good
     assert not scene.vehicle.armed
-    assert scene.told(EventKind.STOP)[int(held)] == "the battery"
+    assert scene.reported(EventKind.STOP)[int(held)] == "the battery"
     assert 0 < outcome.waypoints_reached < 4
     assert scene.samples[-1].lat_deg == pytest.approx(HOME.lat_deg, abs=1e-5)
 
@@ -157,7 +160,7 @@ def test_one_that_must_go_home_flies_the_checked_legs(held):
 def test_one_that_must_go_home_and_cannot_is_left_holding():
     scene = scene_with_mission()
 
-    def no_way(*_):
+    def no_return(*_):
         raise InfeasibleError("a hill is in the way")
 
     with pytest.raises(
@@ -165,6 +168,6 @@ def test_one_that_must_go_home_and_cannot_is_left_holding():
     ):
         scene.fly(
             clearance=Clearance(must_go_home=lambda: "x" if (scene.monitor.time_s or 0.0) > 35.0 else None),
-            plan_return=no_way,
+            plan_return=no_return,
         )
     assert scene.vehicle.armed

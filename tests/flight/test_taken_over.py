@@ -7,7 +7,7 @@ from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Mode
 from mission_io.model.enums import CommandResult
 from mission_io.model.items import Command
 from mission_io.wire import messages as m
-from tests.flight.scene import FRAME, Scene, geodetic, make_scene, mission, plan_for, presses, way_home
+from tests.flight.scene import FRAME, Scene, geodetic, make_scene, mission, plan_for, presses, return_mission
 from tests.flight.test_blackouts import BAND, Witness, dark_scene
 from uavcover.flight import follower
 from uavcover.flight.monitor import Monitor
@@ -79,7 +79,7 @@ def test_a_vehicle_that_is_heard_and_not_known_is_an_alarm_that_says_what_is_mis
     assert "waiting for EXTENDED_SYS_STATE before sending any command" in unknown[0].text
     assert unknown[0].end_s is not None
     assert outcome.ending is Ending.LANDED, text
-    assert sum("state is known again" in told for told in scene.told(EventKind.WARNING)) == 1
+    assert sum("state is known again" in reported for reported in scene.reported(EventKind.WARNING)) == 1
 
 
 def test_a_command_for_a_vehicle_that_stays_unknown_is_withheld_and_following_goes_on(monkeypatch):
@@ -119,9 +119,9 @@ def test_a_failsafe_at_the_end_of_a_hold_ends_no_record(autopilot, monkeypatch):
 def test_a_failsafe_while_the_way_home_is_planned_keeps_the_vehicle_and_the_record(autopilot):
     scene, witness = scene_and_witness(autopilot)
 
-    def plan_return(*place: float):
+    def plan_return(*position: float):
         taken_at_once(scene)
-        return way_home(*place)
+        return return_mission(*position)
 
     outcome, text = flown(scene, stop=presses(scene, 35.0), plan_return=plan_return)
     assert witness.against == []
@@ -155,7 +155,7 @@ def test_the_incident_of_a_link_failsafe_lasts_when_the_link_is_back(autopilot):
     assert "the link was silent for" in taken.text
     assert taken.evidence
     assert "changed to return mode" in text
-    assert sum("receiving messages from" in told for told in scene.told(EventKind.WARNING)) == 1
+    assert sum("receiving messages from" in reported for reported in scene.reported(EventKind.WARNING)) == 1
 
 
 @AUTOPILOTS
@@ -210,7 +210,7 @@ def test_a_pause_that_is_refused_ends_no_flight(monkeypatch):
     monkeypatch.setattr(FlightControl, "set_mode", refuses_guided_in_the_air)
     outcome, text = flown(scene, pause=lambda: (scene.monitor.time_s or 0.0) > 35.0)
     assert outcome.ending is Ending.LANDED, text
-    assert sum("refused the command to hold" in told for told in scene.told(EventKind.WARNING)) == 1
+    assert sum("refused the command to hold" in reported for reported in scene.reported(EventKind.WARNING)) == 1
 
 
 def test_a_vehicle_that_does_not_come_to_rest_is_flown_home_all_the_same():
@@ -260,7 +260,7 @@ def test_a_stop_that_the_vehicle_does_not_hear_ends_no_record(autopilot):
     assert not scene.vehicle.armed, text
     assert outcome.ending is Ending.FAILED
     assert "uavcover followed the vehicle until it landed and disarmed" in text
-    assert any("uavcover still records the flight" in told for told in scene.told(EventKind.WARNING))
+    assert any("uavcover still records the flight" in reported for reported in scene.reported(EventKind.WARNING))
 
 
 @AUTOPILOTS
@@ -321,12 +321,12 @@ def test_px4_climbs_first_when_its_mission_is_continued_and_that_is_judged(monke
         scene.client, scene.monitor, timeouts=FlightTimeouts(), on_event=scene.events.append, stop=lambda: 0
     )
     progress = MissionProgress(session, plan_for(mission(), volume=around))
-    monkeypatch.setattr(MissionProgress, "place_m", np.array([*FRAME.enu_from_geodetic(*_point())[0]]))
+    monkeypatch.setattr(MissionProgress, "position_m", np.array([*FRAME.enu_from_geodetic(*_point())[0]]))
     monkeypatch.setattr(MissionProgress, "_index", 4)
     progress.heading_for = 1
     assert "climbs in place before it flies to waypoint 1: up to 90 m" in (progress.line_problem() or "")
 
 
 def _point() -> tuple[float, float, float]:
-    place = geodetic((0.0, 60.0, 60.0))
-    return place.lat_deg, place.lon_deg, place.alt_amsl_m
+    position = geodetic((0.0, 60.0, 60.0))
+    return position.lat_deg, position.lon_deg, position.alt_amsl_m

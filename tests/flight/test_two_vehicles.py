@@ -11,7 +11,7 @@ from mission_io.wire import messages as m
 from mission_io.wire.messages import Address, Received
 from tests.flight.scene import HOME, Scene, geodetic, make_scene, mission, mock_vehicle
 from uavcover.errors import VehicleError
-from uavcover.flight.monitor import Monitor, TwoPlaces
+from uavcover.flight.monitor import Monitor, TwoPositions
 from uavcover.flight.orders import require_one_vehicle
 from uavcover.mock.server import InMemoryPeer
 from uavcover.mock.vehicle import MockVehicle
@@ -55,19 +55,19 @@ def test_a_second_vehicle_that_is_heard_in_flight_is_an_alarm() -> None:
     beside(scene, 400.0, from_s=50.0)
     with pytest.raises(FlightFailedError) as failed:
         scene.fly()
-    told = [i.text for i in failed.value.outcome.incidents if i.kind is Ending.POSITION_LOST]
-    assert "positions alternate between two places" in told[0]
-    assert "or two vehicles share system ID 1" in told[0]
+    reported = [i.text for i in failed.value.outcome.incidents if i.kind is Ending.POSITION_LOST]
+    assert "positions alternate between two places" in reported[0]
+    assert "or two vehicles share system ID 1" in reported[0]
 
 
-def place(time_s: float, east_m: float, speed_m_s: float = 0.0) -> m.GlobalPositionInt:
+def position(time_s: float, east_m: float, speed_m_s: float = 0.0) -> m.GlobalPositionInt:
     at = geodetic((east_m, 0.0, 0.0))
     return m.GlobalPositionInt(time_s, at.lat_deg, at.lon_deg, HOME.alt_amsl_m, 0.0, 0.0, speed_m_s, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_one_vehicle_is_one_on_two_links_that_lose_repeat_and_reorder(seed: int) -> None:
-    random, places = Random(seed), TwoPlaces()
+    random, positions = Random(seed), TwoPositions()
     arrivals = []
     for number in range(600):
         time_s = 0.1 * number
@@ -75,17 +75,17 @@ def test_one_vehicle_is_one_on_two_links_that_lose_repeat_and_reorder(seed: int)
         east_m = 15.0 * (1.0 - math.cos(0.2 * time_s)) / 0.2 + random.gauss(0.0, 0.2)
         for _ in range(2):  # links
             for _ in range(random.choice([0, 0, 1, 1, 3])):
-                arrivals.append((time_s + random.uniform(0.0, 4.0), place(time_s, east_m, speed_m_s)))
+                arrivals.append((time_s + random.uniform(0.0, 4.0), position(time_s, east_m, speed_m_s)))
     for _, here in sorted(arrivals, key=lambda arrival: arrival[0]):
-        places.take(here)
-        assert places.apart_m is None
+        positions.take(here)
+        assert positions.apart_m is None
 
 
 def test_a_reset_of_the_position_estimate_is_no_second_vehicle() -> None:
-    places = TwoPlaces()
+    positions = TwoPositions()
     for number in range(300):
-        places.take(place(0.1 * number, 20.0 * (number // 60 % 2)))
-        assert places.apart_m is None
+        positions.take(position(0.1 * number, 20.0 * (number // 60 % 2)))
+        assert positions.apart_m is None
 
 
 def heard(*versions: m.AutopilotVersion) -> Monitor:

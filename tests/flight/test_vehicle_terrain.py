@@ -14,7 +14,7 @@ import pytest
 from mission_io.autopilots.autopilot import ARDUPILOT
 from mission_io.client.client import answer_terrain_requests
 from mission_io.model.items import Command, Frame, Mission
-from mission_io.protocol.terrain import TerrainAnswers, place_in_block, wrapped_deg
+from mission_io.protocol.terrain import TerrainAnswers, position_in_block, wrapped_deg
 from mission_io.wire.telemetry_messages import TerrainRequest
 from tests.flight.scene import HOME, make_scene, mission
 from uavcover.errors import InputError
@@ -56,13 +56,13 @@ def test_places_far_apart_are_read_without_all_that_is_between_them(
 
 def test_files_that_vanish_are_said_and_their_ground_is_unknown(tmp_path: Path) -> None:
     file = Path(shutil.copy(DEM, tmp_path))
-    told: list[str] = []
-    heights = heights_of_files(TerrainSource((file,)), "EGM96", told.append)
+    reported: list[str] = []
+    heights = heights_of_files(TerrainSource((file,)), "EGM96", reported.append)
     assert math.isfinite(heights([(36.48, -84.22)])[0])
     file.unlink()
     assert all(math.isnan(height) for height in heights([(36.48, -84.22), (36.49, -84.22)]))
-    assert len(told) == 1
-    assert str(file) in told[0]
+    assert len(reported) == 1
+    assert str(file) in reported[0]
 
 
 def test_a_scenario_without_a_place_on_earth_answers_nothing() -> None:
@@ -79,8 +79,8 @@ def test_the_terrain_files_have_the_block_of_every_place(seed: int, tmp_path: Pa
     )
     around = (west, south, west + rng.uniform(0.001, 0.15), south + rng.uniform(0.001, 0.1))
 
-    def level(places):
-        return [17.0] * len(places)
+    def level(positions):
+        return [17.0] * len(positions)
 
     written = write_terrain_files(level, around, tmp_path, spacing_m=spacing, force=False, user=Unattended())
     filled: set[tuple[int, ...]] = set()
@@ -90,7 +90,7 @@ def test_the_terrain_files_have_the_block_of_every_place(seed: int, tmp_path: Pa
     assert sum(written.values()) == len(filled)
     for _ in range(300):
         lat, lon = rng.uniform(around[1], around[3]), rng.uniform(around[0], around[2])
-        lat_e7, lon_e7 = place_in_block(lat, wrapped_deg(lon), spacing).block.corner_e7
+        lat_e7, lon_e7 = position_in_block(lat, wrapped_deg(lon), spacing).block.corner_e7
         assert tuple(struct.pack("<ii", lat_e7, lon_e7)) in filled
 
 
@@ -101,8 +101,8 @@ def test_an_area_with_too_many_blocks_is_refused(tmp_path: Path) -> None:
         )
 
 
-def level(places: Sequence[tuple[float, float]]) -> list[float]:
-    return [HOME.alt_amsl_m] * len(places)
+def level(positions: Sequence[tuple[float, float]]) -> list[float]:
+    return [HOME.alt_amsl_m] * len(positions)
 
 
 def above_terrain(plain: Mission) -> Mission:
@@ -136,7 +136,7 @@ def test_it_arms_when_the_heights_take_a_slow_link_longer_than_arming_may_take()
     answer_terrain_requests(scene.client, TerrainAnswers(level, parts_per_s=2.0))
     outcome = scene.fly(WANTED)
     assert outcome.ending is Ending.LANDED
-    assert len(scene.monitor.terrain_asked) > 3
+    assert len(scene.monitor.terrain_requested) > 3
 
 
 def test_it_does_not_arm_when_nobody_answers() -> None:

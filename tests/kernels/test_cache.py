@@ -185,12 +185,12 @@ def test_the_key_holds_every_source(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_old_machine_code_goes(tmp_path: Path) -> None:
-    place = tmp_path / "kernels"
+    location = tmp_path / "kernels"
     (tmp_path / "kernels-of-before").mkdir()
     for stem in ("a", "b"):
         for age in range(6):
-            (place / f"{stem}-{age}").mkdir(parents=True)
-            os.utime(place / f"{stem}-{age}", (1000 - age, 1000 - age))
-    jit._remove_old(place, "a")
-    assert {path.name for path in place.iterdir()} == {"a-0", "a-1", "a-2", *(f"b-{age}" for age in range(6))}
+            (location / f"{stem}-{age}").mkdir(parents=True)
+            os.utime(location / f"{stem}-{age}", (1000 - age, 1000 - age))
+    jit._remove_old(location, "a")
+    assert {path.name for path in location.iterdir()} == {"a-0", "a-1", "a-2", *(f"b-{age}" for age in range(6))}
     assert not (tmp_path / "kernels-of-before").exists()

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tests.compiled_kernels import cases
 from tests.kernels.test_obstacles import obstacles_of
 from tests.naive import coverage as naive
-from tests.naive import plan_coverage as naive_pictures
+from tests.naive import plan_coverage as naive_photos
 from uavcover.kernels import coverage as kernels
 from uavcover.kernels.cells import Cells, in_line_of_sight
 from uavcover.kernels.obstacles import horizons, roofs_m
@@ -90,17 +90,17 @@ def cells_on(surface, seed=0):
     lattice = np.full(up.shape, -1, dtype=np.int32)
     lattice[there] = rng.permutation(int(there.sum()))
     order = np.argsort(lattice[there])
-    places = np.column_stack([east[there], north[there], up[there]])[order]
-    slopes = gradients(surface, np.ascontiguousarray(places[:, 0]), np.ascontiguousarray(places[:, 1]))
+    positions = np.column_stack([east[there], north[there], up[there]])[order]
+    slopes = gradients(surface, np.ascontiguousarray(positions[:, 0]), np.ascontiguousarray(positions[:, 1]))
     slopes[np.isfinite(roof[there][order])] = 0.0
-    normals = np.column_stack([-slopes, np.ones(len(places))])
+    normals = np.column_stack([-slopes, np.ones(len(positions))])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    horizon = horizons(surface.obstacles, lattice, places, east0, north0, size, 100.0)
-    skyline = skylines(surface.obstacles, places, horizon, reach_m=100.0, flattest=(seed % 4) / 4.0)
+    horizon = horizons(surface.obstacles, lattice, positions, east0, north0, size, 100.0)
+    skyline = skylines(surface.obstacles, positions, horizon, reach_m=100.0, flattest=(seed % 4) / 4.0)
     scatter_m = scatter * math.sqrt(2.0)
-    for array in (lattice, places, normals, horizon):
+    for array in (lattice, positions, normals, horizon):
         array.setflags(write=False)
-    return Cells(east0, north0, size, lattice, places, normals, horizon, scatter_m, skylines=skyline)
+    return Cells(east0, north0, size, lattice, positions, normals, horizon, scatter_m, skylines=skyline)
 
 
 def eyes_over(seed, count=3):
@@ -131,9 +131,9 @@ def test_seen_cells_equal_the_naive_twin(sight, seed, gaps):
     surface = rough_ground(seed, gaps=gaps)
     cells = cells_on(surface, seed)
     eyes, headings = eyes_over(seed), headings_of(seed, 3)
-    expected = naive.first_seen(surface, sight, cells, eyes, headings)
-    assert kernels.first_seen(surface, sight, cells, eyes, headings).tolist() == expected
-    assert kernels.seen_from_points(surface, sight, cells, eyes, headings).tolist() == [k >= 0 for k in expected]
+    expected = naive.first_observed(surface, sight, cells, eyes, headings)
+    assert kernels.first_observed(surface, sight, cells, eyes, headings).tolist() == expected
+    assert kernels.observed_from_points(surface, sight, cells, eyes, headings).tolist() == [k >= 0 for k in expected]
 
 
 @deterministic
@@ -143,10 +143,10 @@ def test_cells_seen_often_equal_the_naive_twin(sight, seed, needed, apart_m):
     cells = cells_on(surface, seed)
     eyes = np.random.default_rng(seed).uniform([0.0, 3.0, 0.5], [3.0, 5.0, 3.0], (7, 3))
     headings = headings_of(seed, 7)
-    expected = naive.seen_often(surface, sight, cells, eyes, headings, needed, apart_m)
-    assert kernels.seen_often(surface, sight, cells, eyes, headings, needed, apart_m).tolist() == expected
+    expected = naive.observed_often(surface, sight, cells, eyes, headings, needed, apart_m)
+    assert kernels.observed_often(surface, sight, cells, eyes, headings, needed, apart_m).tolist() == expected
     if needed == 1:
-        assert kernels.first_seen(surface, sight, cells, eyes, headings).tolist() == expected
+        assert kernels.first_observed(surface, sight, cells, eyes, headings).tolist() == expected
 
 
 @deterministic
@@ -158,11 +158,11 @@ def test_each_pair_equals_the_naive_twin(sight, seed):
     eyes = cells.centre_m + np.random.default_rng(seed).uniform([-2, -2, 0], [2, 2, 3], (count, 3))
     headings = headings_of(seed, count)
     rows = [array.tolist() for array in (eyes, cells.centre_m, cells.normal, headings)]
-    expected = [naive.sees(surface, sight, *row) for row in zip(*rows, strict=True)]
-    assert kernels.sees_each(surface, sight, eyes, headings, cells.centre_m, cells.normal).tolist() == expected
+    expected = [naive.observes(surface, sight, *row) for row in zip(*rows, strict=True)]
+    assert kernels.observes_each(surface, sight, eyes, headings, cells.centre_m, cells.normal).tolist() == expected
     for i in range(count):
         aim = level_aim(sight, *headings[i])
-        assert kernels.sees(surface, sight, aim, eyes[i], cells.centre_m[i], cells.normal[i]) == expected[i]
+        assert kernels.observes(surface, sight, aim, eyes[i], cells.centre_m[i], cells.normal[i]) == expected[i]
         view = in_view(sight, aim, *(eyes[i] - cells.centre_m[i]), *cells.normal[i])
         assert view == naive.in_view(sight, *(row[i] for row in rows))
         clear = in_line_of_sight(surface, sight, eyes[i], cells.centre_m[i])
@@ -175,8 +175,8 @@ def test_above_the_analytic_surface_the_naive_twin_agrees(sight, seed):
     surface = sine_cosine_ground(1.5).surface
     cells = cells_on(surface, seed)
     eyes, headings = eyes_over(seed, 2), headings_of(seed, 2)
-    expected = naive.first_seen(surface, sight, cells, eyes, headings)
-    assert kernels.first_seen(surface, sight, cells, eyes, headings).tolist() == expected
+    expected = naive.first_observed(surface, sight, cells, eyes, headings)
+    assert kernels.first_observed(surface, sight, cells, eyes, headings).tolist() == expected
 
 
 @deterministic
@@ -190,9 +190,9 @@ def test_the_shortcut_by_the_steepest_slope_never_changes_an_answer(seed, analyt
     eyes = np.random.default_rng(seed).uniform([-3.0, 0.0, 0.0], [6.0, 8.0, 15.0], (6, 3))
     for eye in eyes:
         sight = Sight(SPHERE, 20.0, 0.0, -1.0, RAY)
-        fast_seen = kernels.seen_from_points(surface, sight, cells, eye[None], NORTH)
-        slow_seen = kernels.seen_from_points(slow, sight, cells, eye[None], NORTH)
-        assert fast_seen.tolist() == slow_seen.tolist()
+        fast_observed = kernels.observed_from_points(surface, sight, cells, eye[None], NORTH)
+        slow_observed = kernels.observed_from_points(slow, sight, cells, eye[None], NORTH)
+        assert fast_observed.tolist() == slow_observed.tolist()
 
 
 def test_obstacles_hide_and_a_gap_is_seen_when_they_are_taken_away():
@@ -201,19 +201,19 @@ def test_obstacles_hide_and_a_gap_is_seen_when_they_are_taken_away():
     wall = flat._replace(obstacles=obstacles_of([(shapely.box(20.0, -30.0, 25.0, 30.0), 30.0)]))
     eye, up = np.array([0.0, 0.0, 60.0]), np.array([0.0, 0.0, 1.0])
     # The ray over the wall's far edge comes down at 60 / 30 times its distance; past its end nothing hides.
-    for place, hidden in (((49.9, 0.0), True), ((50.1, 0.0), False), ((15.0, 0.0), False), ((25.0, 50.0), False)):
-        centre = np.array([*place, 0.0])
-        assert kernels.sees(flat, sight, DOWN, eye, centre, up)
-        assert kernels.sees(wall, sight, DOWN, eye, centre, up) != hidden
-    assert kernels.sees(wall, sight, DOWN, eye, np.array([22.0, 0.0, 30.0]), up), "its roof"
+    for position, hidden in (((49.9, 0.0), True), ((50.1, 0.0), False), ((15.0, 0.0), False), ((25.0, 50.0), False)):
+        centre = np.array([*position, 0.0])
+        assert kernels.observes(flat, sight, DOWN, eye, centre, up)
+        assert kernels.observes(wall, sight, DOWN, eye, centre, up) != hidden
+    assert kernels.observes(wall, sight, DOWN, eye, np.array([22.0, 0.0, 30.0]), up), "its roof"
 
 
 def test_regression_shortcut_saw_from_outside_the_data():
     surface = grid_ground(np.zeros((3, 3)), east0_m=0, north0_m=0, step_m=1, source="", vertical_datum="").surface
     sight = Sight(SPHERE, 20.0, 0.0, -1.0, RAY)
     centre, normal = np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
-    assert kernels.sees(surface, sight, DOWN, np.array([2.0, 1.0, 9.0]), centre, normal)
-    assert not kernels.sees(surface, sight, DOWN, np.array([2.5, 1.0, 9.0]), centre, normal)
+    assert kernels.observes(surface, sight, DOWN, np.array([2.0, 1.0, 9.0]), centre, normal)
+    assert not kernels.observes(surface, sight, DOWN, np.array([2.5, 1.0, 9.0]), centre, normal)
 
 
 def test_regression_a_place_that_is_not_finite_saw_everything():
@@ -226,8 +226,8 @@ def test_regression_a_place_that_is_not_finite_saw_everything():
                 for kind in (SPHERE, DISC, CONE):
                     for line_of_sight in (NO_LINE_OF_SIGHT, RAY, MIDPOINT):
                         sight = Sight(kind, 9.0, 1.0, -1.0, line_of_sight)
-                        assert not kernels.seen_from_points(surface, sight, cells, eye, north(eye)).any()
-                        assert not kernels.sees_each(
+                        assert not kernels.observed_from_points(surface, sight, cells, eye, north(eye)).any()
+                        assert not kernels.observes_each(
                             surface, sight, eye, north(eye), cells.centre_m[:1], cells.normal[:1]
                         )[0]
 
@@ -238,13 +238,13 @@ def test_no_data_is_never_seen_through():
     surface = grid_ground(nodes, east0_m=0, north0_m=0, step_m=1, source="", vertical_datum="").surface
     centre, normal = np.array([2.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
     sight = Sight(SPHERE, 50.0, 0.0, -1.0, RAY)
-    assert kernels.sees(surface, sight, DOWN, np.array([3.9, 1.0, 1.0]), centre, normal)
+    assert kernels.observes(surface, sight, DOWN, np.array([3.9, 1.0, 1.0]), centre, normal)
     # Beyond the gap, and above it, however high.
-    assert not kernels.sees(surface, sight, DOWN, np.array([9.0, 1.0, 1.0]), centre, normal)
-    assert not kernels.sees(surface, sight, DOWN, np.array([9.0, 1.0, 40.0]), centre, normal)
-    assert not kernels.sees(surface, sight, DOWN, np.array([4.5, 1.0, 40.0]), centre, normal)
+    assert not kernels.observes(surface, sight, DOWN, np.array([9.0, 1.0, 1.0]), centre, normal)
+    assert not kernels.observes(surface, sight, DOWN, np.array([9.0, 1.0, 40.0]), centre, normal)
+    assert not kernels.observes(surface, sight, DOWN, np.array([4.5, 1.0, 40.0]), centre, normal)
     midpoint = sight._replace(line_of_sight=MIDPOINT)
-    assert not kernels.sees(surface, midpoint, DOWN, np.array([8.0, 1.0, 40.0]), centre, normal)
+    assert not kernels.observes(surface, midpoint, DOWN, np.array([8.0, 1.0, 40.0]), centre, normal)
 
 
 def test_a_wall_hides_what_is_behind_it():
@@ -254,13 +254,13 @@ def test_a_wall_hides_what_is_behind_it():
     centre, normal = np.array([5.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
     ray = Sight(SPHERE, 50.0, 0.0, -1.0, RAY)
     # By the intercept theorem the wall of 5 m at 5 m just hides a place 10 m away below 10 m.
-    assert not kernels.sees(surface, ray, DOWN, np.array([15.0, 1.0, 9.99]), centre, normal)
-    assert kernels.sees(surface, ray, DOWN, np.array([15.0, 1.0, 10.01]), centre, normal)
+    assert not kernels.observes(surface, ray, DOWN, np.array([15.0, 1.0, 9.99]), centre, normal)
+    assert kernels.observes(surface, ray, DOWN, np.array([15.0, 1.0, 10.01]), centre, normal)
     # The paper's midpoint test looks only at the middle: a wall elsewhere escapes it.
     midpoint = ray._replace(line_of_sight=MIDPOINT)
-    assert kernels.sees(surface, midpoint, DOWN, np.array([19.0, 1.0, 3.0]), centre, normal)
-    assert not kernels.sees(surface, ray, DOWN, np.array([19.0, 1.0, 3.0]), centre, normal)
-    assert kernels.sees(
+    assert kernels.observes(surface, midpoint, DOWN, np.array([19.0, 1.0, 3.0]), centre, normal)
+    assert not kernels.observes(surface, ray, DOWN, np.array([19.0, 1.0, 3.0]), centre, normal)
+    assert kernels.observes(
         surface, ray._replace(line_of_sight=NO_LINE_OF_SIGHT), DOWN, np.array([19.0, 1.0, 3.0]), centre, normal
     )
 
@@ -281,8 +281,8 @@ def test_reach_on_flat_ground_from_three_metres(sight, radius):
     eye, up = np.array([0.0, 0.0, 3.0]), np.array([0.0, 0.0, 1.0])
     for angle in np.arange(0.0, 6.0, 0.7):
         direction = np.array([math.cos(angle), math.sin(angle), 0.0])
-        assert kernels.sees(surface, sight, DOWN, eye, direction * (radius - 1e-6), up)
-        assert not kernels.sees(surface, sight, DOWN, eye, direction * (radius + 1e-6), up)
+        assert kernels.observes(surface, sight, DOWN, eye, direction * (radius - 1e-6), up)
+        assert not kernels.observes(surface, sight, DOWN, eye, direction * (radius + 1e-6), up)
 
 
 def test_a_cell_exactly_at_the_reach_is_seen():
@@ -295,25 +295,25 @@ def test_a_cell_exactly_at_the_reach_is_seen():
     cells = Cells(0.0, 0.0, 0.1, lattice, centre, normals, horizon)
     for radius in (0.3, 0.30000000000000004, 0.7):
         sight = Sight(DISC, radius, 0.0, -1.0, NO_LINE_OF_SIGHT)
-        seen = kernels.seen_from_points(surface, sight, cells, np.zeros((1, 3)), NORTH)
-        assert seen.tolist() == (centre[:, 0] ** 2 <= radius**2).tolist()
+        observed = kernels.observed_from_points(surface, sight, cells, np.zeros((1, 3)), NORTH)
+        assert observed.tolist() == (centre[:, 0] ** 2 <= radius**2).tolist()
 
 
 def test_a_camera_never_sees_upwards():
     surface = grid_ground(np.zeros((2, 2)), east0_m=-9, north0_m=-9, step_m=18, source="", vertical_datum="").surface
     camera = Sight(CONE, 9.0, 1.0, -1.0, NO_LINE_OF_SIGHT)
     centre, normal = np.array([0.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
-    assert kernels.sees(surface, camera, DOWN, np.array([0.0, 0.0, 1.0]), centre, normal)
-    assert not kernels.sees(surface, camera, DOWN, np.array([0.0, 0.0, -1.0]), centre, normal)
-    assert not kernels.sees(surface, camera, DOWN, np.array([0.0, 0.0, 0.0]), centre, normal)
+    assert kernels.observes(surface, camera, DOWN, np.array([0.0, 0.0, 1.0]), centre, normal)
+    assert not kernels.observes(surface, camera, DOWN, np.array([0.0, 0.0, -1.0]), centre, normal)
+    assert not kernels.observes(surface, camera, DOWN, np.array([0.0, 0.0, 0.0]), centre, normal)
 
 
 def test_no_look_sees_nothing():
     surface = rough_ground(3)
     cells = cells_on(surface)
     sight = Sight(DISC, 1.0, 0.0, -1.0, NO_LINE_OF_SIGHT)
-    assert kernels.seen_from_points(surface, sight, cells, np.empty((0, 3)), np.empty((0, 2))).sum() == 0
-    assert set(kernels.first_seen(surface, sight, cells, np.empty((0, 3)), np.empty((0, 2))).tolist()) == {-1}
+    assert kernels.observed_from_points(surface, sight, cells, np.empty((0, 3)), np.empty((0, 2))).sum() == 0
+    assert set(kernels.first_observed(surface, sight, cells, np.empty((0, 3)), np.empty((0, 2))).tolist()) == {-1}
 
 
 @deterministic
@@ -340,37 +340,37 @@ def test_pictures_are_taken_where_the_last_one_is_far_enough_away(distance):
             path = np.round(path / distance) * distance  # lengths that the trigger divides
         if number % 4 == 0:
             path = np.repeat(path, 2, axis=0)
-        legs, shares = kernels.picture_places(path, distance)
-        assert (legs[0], shares[0]) == (0, 0.0)
+        legs, fractions = kernels.photo_positions(path, distance)
+        assert (legs[0], fractions[0]) == (0, 0.0)
         assert (np.diff(legs) >= 0).all()
-        assert ((shares >= 0.0) & (shares <= 1.0)).all()
+        assert ((fractions >= 0.0) & (fractions <= 1.0)).all()
         ends = np.minimum(legs + 1, len(path) - 1)
-        places = (path[legs] + shares[:, None] * (path[ends] - path[legs]))[:, :2]
-        np.testing.assert_allclose(np.linalg.norm(np.diff(places, axis=0), axis=1), distance, rtol=1e-7)
-        ways = [*zip(legs + shares, [*(legs + shares)[1:], len(path) - 1.0], strict=True)]
-        for place, (begin, end) in zip(places, ways, strict=True):
+        positions = (path[legs] + fractions[:, None] * (path[ends] - path[legs]))[:, :2]
+        np.testing.assert_allclose(np.linalg.norm(np.diff(positions, axis=0), axis=1), distance, rtol=1e-7)
+        paths = [*zip(legs + fractions, [*(legs + fractions)[1:], len(path) - 1.0], strict=True)]
+        for position, (begin, end) in zip(positions, paths, strict=True):
             at = np.linspace(begin, end, 400)[:-1] if end < len(path) - 1.0 else np.linspace(begin, end, 400)
             leg = np.minimum(at.astype(int), len(path) - 2)
             on = path[leg] + (at - leg)[:, None] * (path[leg + 1] - path[leg])
-            assert np.linalg.norm(on[:, :2] - place, axis=1).max() < distance * (1.0 + 1e-6)
+            assert np.linalg.norm(on[:, :2] - position, axis=1).max() < distance * (1.0 + 1e-6)
 
 
 def test_pictures_equal_those_of_a_naive_flight():
     path = np.array([[0.0, 0.0, 5.0], [23.0, 4.0, 9.0], [25.0, 30.0, 9.0], [25.0, 30.0, 20.0], [2.0, 33.0, 6.0]])
-    legs, shares = kernels.picture_places(path, 7.3)
-    flown, _ = naive_pictures.trigger(path, 7.3, step_m=0.002)
-    np.testing.assert_allclose(path[legs] + shares[:, None] * (path[legs + 1] - path[legs]), flown, atol=0.02)
+    legs, fractions = kernels.photo_positions(path, 7.3)
+    flown, _ = naive_photos.trigger(path, 7.3, step_m=0.002)
+    np.testing.assert_allclose(path[legs] + fractions[:, None] * (path[legs + 1] - path[legs]), flown, atol=0.02)
 
 
 def test_pictures_of_paths_that_are_hardly_any():
     nowhere = np.zeros((0, 3))
-    assert [part.size for part in kernels.picture_places(nowhere, 5.0)] == [0, 0]
+    assert [part.size for part in kernels.photo_positions(nowhere, 5.0)] == [0, 0]
     for path in (
         np.ones((1, 3)),
         np.ones((4, 3)),
         np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 90.0]]),
         np.full((3, 3), np.nan),
     ):
-        assert [part.tolist() for part in kernels.picture_places(path, 5.0)] == [[0], [0.0]]
+        assert [part.tolist() for part in kernels.photo_positions(path, 5.0)] == [[0], [0.0]]
     gap = np.array([[0.0, 0.0, 0.0], [np.nan, 0.0, 0.0], [6.0, 0.0, 0.0], [12.0, 0.0, 0.0]])
-    assert [part.tolist() for part in kernels.picture_places(gap, 5.0)] == [[0, 2, 2], [0.0, 0.0, 5.0 / 6.0]]
+    assert [part.tolist() for part in kernels.photo_positions(gap, 5.0)] == [[0, 2, 2], [0.0, 0.0, 5.0 / 6.0]]

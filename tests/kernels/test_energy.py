@@ -11,19 +11,19 @@ from tests.kernels.test_sorties import random_costs
 from tests.naive import energy as naive
 from uavcover.kernels.energy import (
     Power,
-    column_energies,
     in_wind,
     landing_energy,
     leg_energy,
     path_energies,
-    power_share,
+    power_fraction,
     star_energies,
     takeoff_energy,
+    vertical_energies,
 )
 from uavcover.kernels.flight_time import Pace, landing_time, takeoff_time
-from uavcover.kernels.way_cost import FlightEnergies, battery_s, flight_s
-from uavcover.missions.way_cost import power_of
-from uavcover.mock.dynamics import power_share as of_the_mock
+from uavcover.kernels.path_cost import FlightEnergies, battery_s, flight_s
+from uavcover.missions.path_cost import power_of
+from uavcover.mock.dynamics import power_fraction as of_the_mock
 from uavcover.model.vehicle import PowerModel, Vehicle
 
 PLAIN = Power(6.0, 0.0, 120.0, 0.2, 0.0, 0.03, 0.3, 0.0)
@@ -51,14 +51,14 @@ def test_power_is_that_of_its_parts() -> None:
     rng = np.random.default_rng(3)
     for _ in range(cases(compiled=300, interpreted=60)):
         power, speed, climb = random_power(rng), rng.uniform(0.0, 25.0), rng.uniform(-4.0, 6.0)
-        assert power_share(power, speed, climb) == pytest.approx(naive.share(power, speed, climb), rel=1e-9)
+        assert power_fraction(power, speed, climb) == pytest.approx(naive.fraction(power, speed, climb), rel=1e-9)
 
 
 def test_a_published_vehicle() -> None:
     """Zeng et al., Eq. 12, and the speeds that they state: 10.2 m/s for the longest, 18.3 m/s for the farthest flight."""
     power = power_of(Vehicle(power=ZENG))
     speeds = np.arange(0.0, 30.0, 0.1)
-    watts = np.array([168.49 * power_share(power, v, 0.0) for v in speeds])
+    watts = np.array([168.49 * power_fraction(power, v, 0.0) for v in speeds])
     eq_12 = (
         79.86 * (1.0 + 3.0 * speeds**2 / 120.0**2)
         + 88.63 * np.sqrt(np.sqrt(1.0 + speeds**4 / (4.0 * 4.03**4)) - speeds**2 / (2.0 * 4.03**2))
@@ -76,12 +76,12 @@ def test_the_mock_uses_as_much(model: PowerModel) -> None:
     power = power_of(Vehicle(power=model))
     for speed in (0.0, 3.0, 10.0, 18.0):
         for climb in (-3.0, 0.0, 4.0):
-            assert power_share(power, speed, climb) == pytest.approx(of_the_mock(speed, climb, model), rel=1e-12)
+            assert power_fraction(power, speed, climb) == pytest.approx(of_the_mock(speed, climb, model), rel=1e-12)
 
 
 def test_hovering_for_the_endurance_empties_the_battery() -> None:
-    assert power_share(PLAIN, 0.0, 0.0) == pytest.approx(1.0)
-    assert power_share(power_of(Vehicle(power=ZENG)), 0.0, 0.0) == pytest.approx(1.0)
+    assert power_fraction(PLAIN, 0.0, 0.0) == pytest.approx(1.0)
+    assert power_fraction(power_of(Vehicle(power=ZENG)), 0.0, 0.0) == pytest.approx(1.0)
 
 
 def test_a_leg_is_the_sum_of_its_moments() -> None:
@@ -127,14 +127,14 @@ def test_of_flights_the_worst_wind_counts() -> None:
     centre = (0.0, 0.0, 60.0)
     legs, turns = path_energies(PLAIN, PACE, winds, route)
     out, back = star_energies(PLAIN, PACE, winds, centre, route)
-    up, down = column_energies(PLAIN, PACE, winds, 30.0)
+    up, down = vertical_energies(PLAIN, PACE, winds, 30.0)
     assert (turns <= 0.0).all()
     for w, (east, north) in enumerate(winds):
         pace = in_wind(PACE, east, north)
-        places = [tuple(float(x) for x in p) for p in route]
-        assert legs[w] == pytest.approx([leg_energy(PLAIN, pace, p, q) for p, q in itertools.pairwise(places)])
-        assert out[w] == pytest.approx([leg_energy(PLAIN, pace, centre, p) for p in places])
-        assert back[w] == pytest.approx([leg_energy(PLAIN, pace, p, centre) for p in places])
+        positions = [tuple(float(x) for x in p) for p in route]
+        assert legs[w] == pytest.approx([leg_energy(PLAIN, pace, p, q) for p, q in itertools.pairwise(positions)])
+        assert out[w] == pytest.approx([leg_energy(PLAIN, pace, centre, p) for p in positions])
+        assert back[w] == pytest.approx([leg_energy(PLAIN, pace, p, centre) for p in positions])
         assert (up[w], down[w]) == (takeoff_energy(PLAIN, pace, 30.0), landing_energy(PLAIN, pace, 30.0))
     energies = FlightEnergies(
         np.hstack([np.zeros((3, 1)), np.cumsum(legs, axis=1)]), np.cumsum(turns, axis=1), out + up[:, None],

@@ -7,7 +7,7 @@ import pytest
 
 from tests.compiled_kernels import cases
 from uavcover.kernels.cells import NO_RISE, Cells
-from uavcover.kernels.coverage import first_seen
+from uavcover.kernels.coverage import first_observed
 from uavcover.kernels.horizon import CLEAR_FROM, HIDDEN_BELOW, HIDDEN_BEYOND_M, SECTORS, rises, sector_of
 from uavcover.kernels.sight import RAY, SPHERE, Sight
 from uavcover.kernels.surface import Surface, heights
@@ -29,7 +29,7 @@ def rough(seed: int, *, gap: bool = False, step_m: float = 2.0) -> Surface:
     ).surface
 
 
-def places(surface: Surface, count: int, seed: int) -> np.ndarray:
+def positions(surface: Surface, count: int, seed: int) -> np.ndarray:
     rng = np.random.default_rng([seed, 1])
     where = rng.uniform(-25.0, 30.0, (count, 2))
     up = heights(surface, np.ascontiguousarray(where[:, 0]), np.ascontiguousarray(where[:, 1]))
@@ -40,17 +40,17 @@ def places(surface: Surface, count: int, seed: int) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(6))
 def test_no_ground_in_an_sector_rises_more(seed):
     surface = rough(seed)
-    centre = places(surface, cases(compiled=40, interpreted=3), seed)
+    centre = positions(surface, cases(compiled=40, interpreted=3), seed)
     rise = rises(surface, centre, reach_m=REACH_M)[:, CLEAR_FROM]
     rng = np.random.default_rng(seed)
     away = np.concatenate([np.geomspace(1e-3, 3.0, 60), np.linspace(3.0, REACH_M, 300)])
     tight = []
-    for k, place in enumerate(centre):
+    for k, position in enumerate(centre):
         found = np.zeros(SECTORS)
         for angle in [*rng.uniform(0.0, 2.0 * math.pi, 120), *np.arange(8) * 0.25 * math.pi]:
             east, north = math.cos(angle), math.sin(angle)
-            ground = heights(surface, place[0] + away * east, place[1] + away * north)
-            tangents = ((ground - place[2]) / away)[np.isfinite(ground)]
+            ground = heights(surface, position[0] + away * east, position[1] + away * north)
+            tangents = ((ground - position[2]) / away)[np.isfinite(ground)]
             sector = sector_of(east, north)
             assert tangents.max() <= rise[k, sector] + 1e-9
             found[sector] = max(found[sector], tangents.max())
@@ -68,12 +68,12 @@ def test_no_ground_of_an_elevation_file_rises_more_in_an_sector():
     rise = rises(surface, centre, reach_m=100.0)[:, CLEAR_FROM]
     away = np.concatenate([np.geomspace(1e-2, 40.0, 150), np.linspace(40.0, 100.0, 60)])
     tight = []
-    for k, place in enumerate(centre):
+    for k, position in enumerate(centre):
         for angle in [*rng.uniform(0.0, 2.0 * math.pi, 60), *np.arange(8) * 0.25 * math.pi]:
             east, north = math.cos(angle), math.sin(angle)
-            ground = heights(surface, place[0] + away * east, place[1] + away * north)
+            ground = heights(surface, position[0] + away * east, position[1] + away * north)
             # A step of 1 cm is known to 1e-10 m or so.
-            steepest = np.nanmax((ground - place[2]) / away)
+            steepest = np.nanmax((ground - position[2]) / away)
             assert steepest <= rise[k, sector_of(east, north)] + 1e-7
             tight.append(steepest - rise[k, sector_of(east, north)])
     assert np.median(tight) > -0.3
@@ -83,7 +83,7 @@ def test_a_slope_rises_hardly_more_than_it_does():
     east = np.arange(49) * 2.0 - 40.0
     nodes = np.tile(0.5 * east, (44, 1))
     surface = grid_ground(nodes, east0_m=-40.0, north0_m=-35.0, step_m=2.0, source="t", vertical_datum="local").surface
-    centre = places(surface, 30, 1)
+    centre = positions(surface, 30, 1)
     rise = rises(surface, centre[centre[:, 2] <= 0.5 * centre[:, 0] + 1e-9], reach_m=REACH_M)[:, CLEAR_FROM]
     up, down = [sector_of(1.0, by) for by in (0.1, -0.1)], [sector_of(-1.0, by) for by in (0.1, -0.1)]
     assert ((rise[:, up] >= 0.5) & (rise[:, up] < 1.0)).all()
@@ -107,7 +107,7 @@ def test_a_step_beside_a_cell_rises_on_its_own_side_alone():
 @pytest.mark.parametrize("flattest", [0.2, 1.4])
 def test_ground_that_rises_less_than_the_flattest_ray_is_left_out(seed, flattest):
     surface = rough(seed, gap=seed == 5)
-    centre = places(surface, cases(compiled=60, interpreted=3), seed)
+    centre = positions(surface, cases(compiled=60, interpreted=3), seed)
     closely = bool(seed % 2)
     rise = rises(surface, centre, reach_m=REACH_M, flattest=flattest, closely=closely)[:, CLEAR_FROM]
     known = rises(surface, centre, reach_m=REACH_M, closely=closely)[:, CLEAR_FROM]
@@ -126,13 +126,13 @@ def test_sectors_are_sixteenths_of_a_turn():
 def test_missing_data_within_reach_is_never_clear():
     surface, same = rough(3, gap=True), rough(3)
     gap = np.array([-40.0 + 2.0 * 21, -35.0 + 2.0 * 20])
-    centre = places(same, 60, 3)
+    centre = positions(same, 60, 3)
     rise, known = rises(surface, centre, reach_m=REACH_M), rises(same, centre, reach_m=REACH_M)
-    for k, place in enumerate(centre):
-        way = gap - place[:2]
-        if np.hypot(*way) < REACH_M:
-            assert rise[k, CLEAR_FROM, sector_of(*way)] > 1e5
-        if np.hypot(*way) > REACH_M + 12.0:
+    for k, position in enumerate(centre):
+        path = gap - position[:2]
+        if np.hypot(*path) < REACH_M:
+            assert rise[k, CLEAR_FROM, sector_of(*path)] > 1e5
+        if np.hypot(*path) > REACH_M + 12.0:
             np.testing.assert_array_equal(rise[k], known[k])
 
 
@@ -170,9 +170,9 @@ def test_the_same_is_seen_with_bounds_and_without(seed, gap):
     sight = Sight(SPHERE, REACH_M, 0.0, -1.0, RAY)
     eyes = np.column_stack([rng.uniform(-30.0, 30.0, (25, 2)), np.nanmax(surface.up_m) + rng.uniform(-20.0, 15.0, 25)])
     headings = np.zeros((25, 2))
-    seen = first_seen(surface, sight, bare, eyes, headings)
-    np.testing.assert_array_equal(seen, first_seen(surface, sight, bounded, eyes, headings))
-    assert len(set(seen.tolist())) > 3
+    observed = first_observed(surface, sight, bare, eyes, headings)
+    np.testing.assert_array_equal(observed, first_observed(surface, sight, bounded, eyes, headings))
+    assert len(set(observed.tolist())) > 3
     assert NO_RISE.shape == (0, 3, SECTORS)
 
 
@@ -180,19 +180,19 @@ def test_the_same_is_seen_with_bounds_and_without(seed, gap):
 @pytest.mark.parametrize("gap", [False, True])
 def test_rays_below_the_ground_of_a_whole_ring_are_hidden(seed, gap):
     surface = rough(seed, gap=gap)
-    centre = places(surface, cases(compiled=60, interpreted=3), seed)
+    centre = positions(surface, cases(compiled=60, interpreted=3), seed)
     rise = rises(surface, centre, reach_m=REACH_M, closely=True)
     rng = np.random.default_rng(seed)
     known = 0
-    for k, place in enumerate(centre):
+    for k, position in enumerate(centre):
         for angle in rng.uniform(0.0, 2.0 * math.pi, 60):
             east, north = math.cos(angle), math.sin(angle)
             below, beyond_m = rise[k, [HIDDEN_BELOW, HIDDEN_BEYOND_M], sector_of(east, north)].tolist()
             if below > 0.0:
                 known += 1
                 away = np.linspace(0.05, beyond_m, 400)
-                ground = heights(surface, place[0] + away * east, place[1] + away * north)
-                assert np.nanmax(ground - place[2] - away * below) > 0.0
+                ground = heights(surface, position[0] + away * east, position[1] + away * north)
+                assert np.nanmax(ground - position[2] - away * below) > 0.0
     assert known > 20 or len(centre) < 10 or seed in {1, 2, 4}
 
 

@@ -20,8 +20,8 @@ def test_no_way_between_two_places_is_steeper_anywhere(seed):
     slopes = local_slopes(surface)
     for _ in range(cases(compiled=200, interpreted=10)):
         ends = rng.uniform([-20.0, 5.0], [16.0, 31.0], (2, 2))
-        way = ends[0] + np.linspace(0.0, 1.0, 400)[:, None] * (ends[1] - ends[0])
-        ups = heights(surface, np.ascontiguousarray(way[:, 0]), np.ascontiguousarray(way[:, 1]))
+        path = ends[0] + np.linspace(0.0, 1.0, 400)[:, None] * (ends[1] - ends[0])
+        ups = heights(surface, np.ascontiguousarray(path[:, 0]), np.ascontiguousarray(path[:, 1]))
         steepest = np.abs(np.diff(ups)).max() / (np.hypot(*(ends[1] - ends[0])) / 399.0)
         bound = steepest_between(surface, slopes, *ends[0], *ends[1])
         assert steepest <= bound + 1e-9
@@ -41,8 +41,8 @@ def test_missing_data_is_felt_only_near_it():
 def test_outside_the_grid_nothing_is_known():
     surface = rough(np.zeros((10, 10)))
     slopes = local_slopes(surface)
-    for place in ((-20.1, 6.0), (-1.9, 6.0), (-10.0, 4.9), (-10.0, 23.1), (math.nan, 6.0)):
-        assert steepest_between(surface, slopes, -10.0, 10.0, *place) == math.inf
+    for position in ((-20.1, 6.0), (-1.9, 6.0), (-10.0, 4.9), (-10.0, 23.1), (math.nan, 6.0)):
+        assert steepest_between(surface, slopes, -10.0, 10.0, *position) == math.inf
     assert steepest_between(surface, slopes, -20.0, 5.0, -2.0, 23.0) == 0.0
 
 

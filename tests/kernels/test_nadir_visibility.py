@@ -96,8 +96,8 @@ def test_runs_that_do_not_fit_say_so():
     cells = cells_on(surface)
     sight = Sight(CONE, 9.0, 1.4, -1.0, NO_LINE_OF_SIGHT)
     row = np.zeros(cells.lattice.shape[1], dtype=np.uint8)
-    place = (1.0, 3.0, 2.5)
+    position = (1.0, 3.0, 2.5)
     quick = cone_cells(surface, sight, cells)
     for room, expected in ((3, -1), (4, -1)):
         out = np.zeros(room, dtype=np.int32)
-        assert list_cone_runs(surface, sight, cells, quick, place, place, 1.0, row, out) == expected
+        assert list_cone_runs(surface, sight, cells, quick, position, position, 1.0, row, out) == expected

@@ -19,9 +19,9 @@ from uavcover.kernels.sight import (
     FRUSTUM,
     NO_LINE_OF_SIGHT,
     NOT_IN_RANGE,
+    OBSERVED,
     OCCLUDED,
     RAY,
-    SEEN,
     SPHERE,
     TOO_COARSE,
     TOO_OBLIQUE,
@@ -115,10 +115,10 @@ def test_a_camera_rolled_by_30_degrees_sees_other_ground():
     rolled = [[math.sin(math.radians(30.0)), 0.0, -math.cos(math.radians(30.0))]]
     below, beside = one_cell(0.0), one_cell(80.0 * math.tan(math.radians(45.0)))
     eye = [[0.0, 0.0, 80.0]]
-    assert counted(flat_ground(), sight, EXACT, below, eye, DOWN, [0.0]).outcome[0] == SEEN
+    assert counted(flat_ground(), sight, EXACT, below, eye, DOWN, [0.0]).outcome[0] == OBSERVED
     assert counted(flat_ground(), sight, EXACT, below, eye, rolled, [0.0]).outcome[0] == NOT_IN_RANGE
     assert counted(flat_ground(), sight, EXACT, beside, eye, DOWN, [0.0]).outcome[0] == NOT_IN_RANGE
-    assert counted(flat_ground(), sight, EXACT, beside, eye, rolled, [0.0]).outcome[0] == SEEN
+    assert counted(flat_ground(), sight, EXACT, beside, eye, rolled, [0.0]).outcome[0] == OBSERVED
 
 
 def test_why_a_cell_was_not_seen():
@@ -133,7 +133,7 @@ def test_why_a_cell_was_not_seen():
     assert counted(surface, sight, EXACT, cell, [[-29.0, 0.0, 80.0]], DOWN, [0.0]).outcome[0] == TOO_OBLIQUE
     behind = [[-2.0, 0.0, 80.0]]
     assert counted(surface, sight, EXACT, cell, behind, DOWN, [0.0]).outcome[0] == OCCLUDED
-    assert counted(flat_ground(), sight, EXACT, cell, behind, DOWN, [0.0]).outcome[0] == SEEN
+    assert counted(flat_ground(), sight, EXACT, cell, behind, DOWN, [0.0]).outcome[0] == OBSERVED
     # The furthest any look got counts, in whatever order they come.
     eyes = [behind[0], [-29.0, 0.0, 80.0], [-200.0, 0.0, 80.0]]
     assert counted(surface, sight, EXACT, cell, eyes, np.repeat(DOWN, 3, 0), [0.0, 1.0, 2.0]).outcome[0] == OCCLUDED
@@ -143,10 +143,10 @@ def test_a_picture_taken_from_too_high_is_too_coarse():
     focal_px, largest_m = 900.0, 0.1
     for kind in (CONE, FRUSTUM):
         sight = Sight(kind, 500.0, 1.0, 0.0, RAY, tan_half_along=1.0, sample_focal_m=largest_m * focal_px)
-        for up, outcome in ((89.9, SEEN), (90.1, TOO_COARSE)):
+        for up, outcome in ((89.9, OBSERVED), (90.1, TOO_COARSE)):
             counts = counted(flat_ground(), sight, EXACT, one_cell(30.0), [[0.0, 0.0, up]], DOWN, [0.0])
             assert counts.outcome[0] == outcome
-            assert counts.ground_sample_m[0] == (pytest.approx(up / focal_px) if outcome == SEEN else math.inf)
+            assert counts.ground_sample_m[0] == (pytest.approx(up / focal_px) if outcome == OBSERVED else math.inf)
 
 
 def test_passes_are_separate_when_the_cell_was_out_of_sight_for_longer_than_the_gap():
@@ -171,9 +171,9 @@ def test_sure_and_possible_bound_what_any_error_would_have_made(seed, sight, hor
     )
     tops = tops_of(axes, rng.uniform(0.0, math.tau))
     counts = counted(surface, sight, camera, cells, eyes, axes, times, tops=tops)
-    seen = counts.outcome == SEEN
-    assert not (counts.sure & ~seen).any()
-    assert not (seen & ~counts.possible).any()
+    observed = counts.outcome == OBSERVED
+    assert not (counts.sure & ~observed).any()
+    assert not (observed & ~counts.possible).any()
     for _ in range(cases(compiled=30, interpreted=5)):
         angle, radius = rng.uniform(0.0, math.tau), horizontal * math.sqrt(rng.random())
         by = np.array([radius * math.cos(angle), radius * math.sin(angle), rng.uniform(-vertical, vertical)])
@@ -181,7 +181,7 @@ def test_sure_and_possible_bound_what_any_error_would_have_made(seed, sight, hor
         error = rng.normal(size=3)
         error *= turn * rng.random() / np.linalg.norm(error)
         turned, turned_tops = (Rotation.from_rotvec(error).apply(rows) for rows in (axes, tops))
-        other = counted(surface, sight, EXACT, cells, moved, turned, times, tops=turned_tops).outcome == SEEN
+        other = counted(surface, sight, EXACT, cells, moved, turned, times, tops=turned_tops).outcome == OBSERVED
         assert not (counts.sure & ~other).any()
         assert not (other & ~counts.possible).any()
 
@@ -200,7 +200,7 @@ def test_sure_and_possible_bound_how_often_a_cell_is_seen_from_places_that_are_a
     lift = horizontal * surface.steepest
     camera = Camera(math.nan, 0.0, horizontal, horizontal, lift, 0.0, needed, apart)
     counts = counted(surface, sight, camera, cells, eyes, axes, times, tops=tops)
-    surely, possibly = counts.sure >= needed, counts.possible >= needed
+    certainly, possibly = counts.sure >= needed, counts.possible >= needed
     for _ in range(6):
         angle, radius = rng.uniform(0.0, math.tau, 6), horizontal * np.sqrt(rng.random(6))
         moved = eyes + np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(6)])
@@ -208,11 +208,11 @@ def test_sure_and_possible_bound_how_often_a_cell_is_seen_from_places_that_are_a
             counted(surface, sight, EXACT, cells, *(rows[k : k + 1] for rows in (moved, axes, times)), tops=tops[[k]])
             for k in range(6)
         ]
-        often = np.zeros(len(surely), dtype=bool)
+        often = np.zeros(len(certainly), dtype=bool)
         for some in itertools.combinations(range(6), needed):
             if all(math.dist(moved[i], moved[j]) >= apart for i, j in itertools.combinations(some, 2)):
-                often |= np.all([by_look[k].outcome == SEEN for k in some], axis=0)
-        assert not (surely & ~often).any()
+                often |= np.all([by_look[k].outcome == OBSERVED for k in some], axis=0)
+        assert not (certainly & ~often).any()
         assert not (often & ~possibly).any()
 
 
@@ -224,7 +224,7 @@ def test_a_sure_cell_keeps_its_distance_from_the_edge_of_the_view():
 
     def at(east):
         counts = counted(flat_ground(), sight, camera, one_cell(east), eye, DOWN, [0.0])
-        return bool(counts.sure[0]), bool(counts.outcome[0] == SEEN), bool(counts.possible[0])
+        return bool(counts.sure[0]), bool(counts.outcome[0] == OBSERVED), bool(counts.possible[0])
 
     assert at(radius - 8.0) == (True, True, True)
     assert at(radius - 4.0) == (False, True, True)

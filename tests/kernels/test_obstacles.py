@@ -49,7 +49,7 @@ def footprints(draw):
 
 
 prism_lists = st.lists(st.tuples(footprints(), heights), min_size=1, max_size=5)
-places = st.tuples(st.one_of(coordinates, odd), st.one_of(coordinates, odd), heights)
+positions = st.tuples(st.one_of(coordinates, odd), st.one_of(coordinates, odd), heights)
 
 
 def clear(prisms, p, q, beside=0.0, above=0.0):
@@ -62,7 +62,7 @@ def walls_of(*footprints):
 
 
 @deterministic
-@given(prism_lists, places, places)
+@given(prism_lists, positions, positions)
 def test_a_line_enters_a_prism_when_shapely_says_so(prisms, p, q):
     line, walls = naive.lower_part(p, q, math.inf), walls_of(*(footprint for footprint, _ in prisms))
     inside = naive.enters(prisms, p, q)
@@ -79,7 +79,7 @@ def test_the_comparison_leaves_out_what_lies_on_a_wall(end):
 
 
 @deterministic
-@given(prism_lists, places, places, st.floats(0.125, GROWN_M, width=32), st.floats(0.0, 10.0, width=32))
+@given(prism_lists, positions, positions, st.floats(0.125, GROWN_M, width=32), st.floats(0.0, 10.0, width=32))
 def test_clearance_is_that_of_shapely(prisms, p, q, beside, above):
     distance = naive.clearance_beside(prisms, p, q, above)
     if abs(distance - beside) > 1e-6:
@@ -87,7 +87,7 @@ def test_clearance_is_that_of_shapely(prisms, p, q, beside, above):
 
 
 @deterministic
-@given(footprints(), heights, places, places, st.floats(0.5, GROWN_M, width=32), st.floats(0.0, 10.0, width=32))
+@given(footprints(), heights, positions, positions, st.floats(0.5, GROWN_M, width=32), st.floats(0.0, 10.0, width=32))
 def test_what_a_line_lacks_is_found_by_trying_places(footprint, top, p, q, beside, above):
     walls = walls_of(footprint)
     assume(naive.lower_part(p, q, math.inf).intersection(walls).length < 1e-6)
@@ -101,26 +101,26 @@ def test_what_a_line_lacks_is_found_by_trying_places(footprint, top, p, q, besid
 
 
 @deterministic
-@given(prism_lists, places)
-def test_the_horizon_passes_over_every_prism(prisms, place):
+@given(prism_lists, positions)
+def test_the_horizon_passes_over_every_prism(prisms, position):
     lattice = np.zeros((1, 1), dtype=np.int32)
-    centre = np.array([place])
-    found = horizons(obstacles_of(prisms), lattice, centre, place[0], place[1], 5.0, 30.0)[0]
-    assert found == pytest.approx(naive.horizon(prisms, place, 30.0), rel=1e-9)
+    centre = np.array([position])
+    found = horizons(obstacles_of(prisms), lattice, centre, position[0], position[1], 5.0, 30.0)[0]
+    assert found == pytest.approx(naive.horizon(prisms, position, 30.0), rel=1e-9)
 
 
 @deterministic
-@given(prism_lists, places)
-def test_roofs_are_the_highest_tops_over_a_place(prisms, place):
-    inside = [top for footprint, top in prisms if footprint.contains(shapely.Point(place[:2]))]
-    on_edge = any(footprint.boundary.distance(shapely.Point(place[:2])) < 1e-9 for footprint, _ in prisms)
+@given(prism_lists, positions)
+def test_roofs_are_the_highest_tops_over_a_place(prisms, position):
+    inside = [top for footprint, top in prisms if footprint.contains(shapely.Point(position[:2]))]
+    on_edge = any(footprint.boundary.distance(shapely.Point(position[:2])) < 1e-9 for footprint, _ in prisms)
     if not on_edge:
-        found = roofs_m(obstacles_of(prisms), np.array([place[0]]), np.array([place[1]]))[0]
+        found = roofs_m(obstacles_of(prisms), np.array([position[0]]), np.array([position[1]]))[0]
         assert found == max(inside, default=-math.inf)
 
 
 @deterministic
-@given(prism_lists, places, places, st.floats(0.125, GROWN_M, width=32))
+@given(prism_lists, positions, positions, st.floats(0.125, GROWN_M, width=32))
 def test_the_highest_top_near_a_leg(prisms, p, q, beside):
     distances = [footprint.distance(shapely.LineString([p[:2], q[:2]])) for footprint, _ in prisms]
     if all(abs(d - beside) > 1e-6 for d in distances):
@@ -129,12 +129,12 @@ def test_the_highest_top_near_a_leg(prisms, p, q, beside):
 
 
 @deterministic
-@given(prism_lists, places, st.floats(0.0, 25.0, width=32))
-def test_the_highest_top_around_a_place(prisms, place, radius):
-    distances = [footprint.distance(shapely.Point(place[:2])) for footprint, _ in prisms]
+@given(prism_lists, positions, st.floats(0.0, 25.0, width=32))
+def test_the_highest_top_around_a_place(prisms, position, radius):
+    distances = [footprint.distance(shapely.Point(position[:2])) for footprint, _ in prisms]
     if all(abs(d - radius) > 1e-6 and (d == 0.0 or d > 1e-6) for d in distances):
         tops = [top for d, (_, top) in zip(distances, prisms, strict=True) if d < radius or d == 0.0]
-        assert top_within_m(obstacles_of(prisms), *place[:2], radius) == max(tops, default=-math.inf)
+        assert top_within_m(obstacles_of(prisms), *position[:2], radius) == max(tops, default=-math.inf)
 
 
 BOX = [(shapely.box(0.0, 0.0, 10.0, 10.0), 20.0)]
@@ -227,11 +227,11 @@ def test_parts_over_a_footprint_and_depths_are_those_of_shapely():
     count = cases(compiled=200, interpreted=40)
     lines, numbers = rng.uniform(-45.0, 45.0, (count, 4)), rng.integers(0, 3, count)
     lines[::7, 2:] = lines[::7, :2]
-    owners, shares = parts_over(footprints, numbers, lines)
+    owners, fractions = parts_over(footprints, numbers, lines)
     assert (np.diff(owners) >= 0).all()
     several = 0
     for k, (line, shape) in enumerate(zip(lines, (shapes[number] for number in numbers), strict=True)):
-        found, p, step = shares[owners == k], line[:2], line[2:] - line[:2]
+        found, p, step = fractions[owners == k], line[:2], line[2:] - line[:2]
         if not step.any():
             assert found.tolist() == ([[0.0, 1.0]] if shape.contains(shapely.Point(p)) else [])
             continue
@@ -241,9 +241,9 @@ def test_parts_over_a_footprint_and_depths_are_those_of_shapely():
         assert len(found) == sum(part.length > 0.0 for part in shapely.get_parts(expected))
         several += len(found) > 1
     assert several > 5
-    places = lines[:, None, :2] + np.linspace(0.0, 1.0, 33)[:, None] * (lines[:, 2:] - lines[:, :2])[:, None]
-    expected = shapely.distance(shapely.boundary([shapes[k] for k in numbers])[:, None], shapely.points(places))
-    found = edge_distances_m(footprints, numbers, places)
+    positions = lines[:, None, :2] + np.linspace(0.0, 1.0, 33)[:, None] * (lines[:, 2:] - lines[:, :2])[:, None]
+    expected = shapely.distance(shapely.boundary([shapes[k] for k in numbers])[:, None], shapely.points(positions))
+    found = edge_distances_m(footprints, numbers, positions)
     np.testing.assert_allclose(found[found >= 0.0], expected[found >= 0.0])
     np.testing.assert_allclose(found.max(axis=1), expected.max(axis=1))
     np.testing.assert_array_equal(found.argmax(axis=1), expected.argmax(axis=1))

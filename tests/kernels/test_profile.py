@@ -28,20 +28,20 @@ def densely(route, polyline, spacing):
         pieces = max(1, math.ceil(math.dist(a, b) / spacing))
         out += [a + k / pieces * (b - a) for k in range(pieces)]
     out.append(polyline[-1])
-    places = np.array(out)
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
+    positions = np.array(out)
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
     run = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(route[:, :2], axis=0), axis=1))])
-    return places, along, np.interp(along, run, route[:, 2])
+    return positions, along, np.interp(along, run, route[:, 2])
 
 
-def left_by_the_ground(surface, places, steps=200):
+def left_by_the_ground(surface, positions, steps=200):
     """How far the ground rises above the straight lines through it beside each place, and sinks below, by small steps."""
-    rise, fall = np.zeros(len(places)), np.zeros(len(places))
-    at_place = [height(surface, *place) for place in places]
-    for k in range(len(places) - 1):
-        shares = np.linspace(0.0, 1.0, steps + 1)
-        between = [height(surface, *(places[k] + t * (places[k + 1] - places[k]))) for t in shares]
-        above = np.array(between) - np.interp(shares, [0.0, 1.0], at_place[k : k + 2])
+    rise, fall = np.zeros(len(positions)), np.zeros(len(positions))
+    at_position = [height(surface, *position) for position in positions]
+    for k in range(len(positions) - 1):
+        fractions = np.linspace(0.0, 1.0, steps + 1)
+        between = [height(surface, *(positions[k] + t * (positions[k + 1] - positions[k]))) for t in fractions]
+        above = np.array(between) - np.interp(fractions, [0.0, 1.0], at_position[k : k + 2])
         rise[k : k + 2] = np.maximum(rise[k : k + 2], above.max())
         fall[k : k + 2] = np.maximum(fall[k : k + 2], -above.min())
     return rise, fall
@@ -68,11 +68,11 @@ def test_terrain_following_keeps_band_slope_tolerance_and_corners(seed, max_slop
     assert route[-1, :2].tolist() == polyline[-1].tolist()
     runs = np.linalg.norm(np.diff(route[:, :2], axis=0), axis=1)
     assert (np.abs(np.diff(route[:, 2])) <= max_slope * runs * (1 + 1e-9) + 1e-9).all()
-    places, along, up = densely(route, polyline, spacing)
-    ground = np.array([height(surface, *place) for place in places])
+    positions, along, up = densely(route, polyline, spacing)
+    ground = np.array([height(surface, *position) for position in positions])
     lowest = min(height_range_between(surface, *p, *q, -math.inf)[0] for p, q in itertools.pairwise(route))
     assert lowest >= low - 1e-6, "below the band, if only between two samples"
-    rise, fall = left_by_the_ground(surface, places)
+    rise, fall = left_by_the_ground(surface, positions)
     floor, ceiling = ground + low + rise, ground + high - fall
     # The ceiling of the widened profiles, by their definition: no place forces more than its own floor less the slope.
     reachable_floor = (floor - max_slope * np.abs(along[:, None] - along)).max(axis=1)

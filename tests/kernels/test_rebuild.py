@@ -29,9 +29,9 @@ def test_no_place_in_all_discs_is_on_a_shorter_way(seed: int, count: int) -> Non
     centres = inside + rng.uniform(-0.65, 0.65, (count, 2))
     discs = np.column_stack([centres, np.ones(count)])
     a, b = (tuple(end.tolist()) for end in ends)
-    place = np.array(best_between(a, b, tuple(inside.tolist()), discs, count))
-    assert (np.hypot(*(place - centres).T) <= 1.0 + 1e-9).all()
-    long = math.dist(a, place) + math.dist(place, b)
+    position = np.array(best_between(a, b, tuple(inside.tolist()), discs, count))
+    assert (np.hypot(*(position - centres).T) <= 1.0 + 1e-9).all()
+    long = math.dist(a, position) + math.dist(position, b)
     best = naive.best_between(a, b, discs.tolist())
     assert best - 1e-3 <= long <= best + 1e-6
 
@@ -50,26 +50,26 @@ def test_a_sensor_sees_level_ground_within_its_radius() -> None:
 
 
 def energy(problem: RouteProblem, state) -> float:
-    return problem.cost(Route(snapshot(state))) + 1e4 * max(0.0, 1.0 - float(state.seen[0]))
+    return problem.cost(Route(snapshot(state))) + 1e4 * max(0.0, 1.0 - float(state.observed[0]))
 
 
 def test_what_is_kept_costs_no_more_than_allowed_and_the_rest_is_undone() -> None:
     problem = route_problem(CoverageMap(row_of_cells(), cell_size_m=20.0), margin_m=0.0, reach_m=RADIUS_M)
     rng = np.random.default_rng(4)
-    places = np.column_stack([np.arange(20.0, 400.0, 40.0), rng.uniform(0.0, 40.0, 10), np.full(10, 50.0)])
-    state = state_of(problem, Route(rng.permutation(places)), capacity=20)
+    positions = np.column_stack([np.arange(20.0, 400.0, 40.0), rng.uniform(0.0, 40.0, 10), np.full(10, 50.0)])
+    state = state_of(problem, Route(rng.permutation(positions)), capacity=20)
     kept = 0
     for allowance in rng.exponential(20.0, cases(compiled=300, interpreted=6)) - 10.0:
         before, route = energy(problem, state), snapshot(state)
         done = rebuild(problem.numbers, (1.0, 0.0, 1e4, 1.0), state, float(allowance), 2, 20, rng)
-        after, counts, seen = energy(problem, state), state.counts.copy(), float(state.seen[0])
+        after, counts, observed = energy(problem, state), state.counts.copy(), float(state.observed[0])
         assert recount(problem.numbers, state)
         assert (state.counts == counts).all()
-        assert float(state.seen[0]) == pytest.approx(seen, abs=1e-9)
+        assert float(state.observed[0]) == pytest.approx(observed, abs=1e-9)
         if done:
             assert after <= before + allowance + 1e-6
         else:
             assert (snapshot(state) == route).all()
         kept += done
     assert kept > 0
-    assert float(state.seen[0]) == pytest.approx(1.0)
+    assert float(state.observed[0]) == pytest.approx(1.0)

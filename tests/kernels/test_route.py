@@ -19,38 +19,38 @@ def points(least, most):
 
 @deterministic
 @given(points(0, 9), points(1, 1))
-def test_nearest_neighbour_order_equals_the_naive_twin(places, reference):
-    places.setflags(write=False)
-    expected = naive.nearest_neighbour_order(places.tolist(), reference[0].tolist())
-    assert kernels.nearest_neighbour_order(places, reference[0]).tolist() == expected
+def test_nearest_neighbour_order_equals_the_naive_twin(positions, reference):
+    positions.setflags(write=False)
+    expected = naive.nearest_neighbour_order(positions.tolist(), reference[0].tolist())
+    assert kernels.nearest_neighbour_order(positions, reference[0]).tolist() == expected
 
 
 @deterministic
 @given(points(0, 8), st.randoms(use_true_random=False))
-def test_two_opt_is_a_permutation_never_longer_with_the_first_in_place(places, random):
-    order = list(range(len(places)))
+def test_two_opt_is_a_permutation_never_longer_with_the_first_in_place(positions, random):
+    order = list(range(len(positions)))
     random.shuffle(order)
     before = np.array(order, dtype=np.int64)
-    after = kernels.two_opt(places, before)
+    after = kernels.two_opt(positions, before)
     assert before.tolist() == order
-    assert sorted(after.tolist()) == list(range(len(places)))
+    assert sorted(after.tolist()) == list(range(len(positions)))
     assert after[:1].tolist() == order[:1]
-    assert kernels.path_length(places[after]) <= kernels.path_length(places[before]) + 1e-9
+    assert kernels.path_length(positions[after]) <= kernels.path_length(positions[before]) + 1e-9
 
 
 def test_regression_two_opt_of_part_of_the_points_read_beyond_its_distances():
-    places = np.random.default_rng(2).random((9, 3))
-    assert sorted(kernels.two_opt(places, np.array([7, 1, 4, 8, 2])).tolist()) == [1, 2, 4, 7, 8]
+    positions = np.random.default_rng(2).random((9, 3))
+    assert sorted(kernels.two_opt(positions, np.array([7, 1, 4, 8, 2])).tolist()) == [1, 2, 4, 7, 8]
 
 
 def test_two_opt_comes_close_to_the_best_order():
     gaps = []
     for seed in range(25):
         rng = np.random.default_rng(seed)
-        places = rng.random((7, 3))
-        order = kernels.two_opt(places, rng.permutation(7))
-        best = naive.best_open_tour_length(places.tolist(), int(order[0]))
-        gaps.append(kernels.path_length(places[order]) / best - 1.0)
+        positions = rng.random((7, 3))
+        order = kernels.two_opt(positions, rng.permutation(7))
+        best = naive.best_open_tour_length(positions.tolist(), int(order[0]))
+        gaps.append(kernels.path_length(positions[order]) / best - 1.0)
     # Stated: the optimum in most cases, within 15 % in all, 2 % on average.
     assert min(gaps) >= -1e-12
     assert sum(gap < 1e-9 for gap in gaps) >= 15
@@ -59,13 +59,13 @@ def test_two_opt_comes_close_to_the_best_order():
 
 
 def test_two_opt_shortens_what_nearest_neighbour_leaves():
-    places = np.random.default_rng(8).random((60, 3)) * [1000.0, 1000.0, 10.0]
-    start = kernels.nearest_neighbour_order(places, np.zeros(3))
-    order = kernels.two_opt(places, start)
+    positions = np.random.default_rng(8).random((60, 3)) * [1000.0, 1000.0, 10.0]
+    start = kernels.nearest_neighbour_order(positions, np.zeros(3))
+    order = kernels.two_opt(positions, start)
     # Nearest neighbour wastes a quarter on average.
-    assert kernels.path_length(places[order]) < 0.9 * kernels.path_length(places[start])
+    assert kernels.path_length(positions[order]) < 0.9 * kernels.path_length(positions[start])
     # Nothing is left to gain: running it again changes nothing.
-    assert kernels.two_opt(places, order).tolist() == order.tolist()
+    assert kernels.two_opt(positions, order).tolist() == order.tolist()
 
 
 def test_or_opt_moves_a_stretch_that_reversing_cannot():

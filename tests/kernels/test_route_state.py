@@ -15,13 +15,13 @@ from tests.kernels.test_obstacles import obstacles_of
 from tests.naive import route_state as naive
 from tests.planner.sites import hills, make_site, tower
 from uavcover.kernels import coverage as coverage_kernels
-from uavcover.kernels.annealing import Prices, Schedule, anneal, energy_of_share, snapshot
+from uavcover.kernels.annealing import Schedule, Weights, anneal, energy_of_coverage, snapshot
 from uavcover.kernels.leg_visibility import list_cells
 from uavcover.kernels.nadir_visibility import cone_cells
 from uavcover.kernels.obstacles import NO_OBSTACLES
-from uavcover.kernels.picture_visibility import picture_cells
+from uavcover.kernels.photo_visibility import photo_cells
 from uavcover.kernels.route import path_length
-from uavcover.kernels.route_state import WIDEST, RouteState, recount, seen_alone
+from uavcover.kernels.route_state import WIDEST, RouteState, observed_alone, recount
 from uavcover.kernels.search_problem import (
     ALONG_PATH,
     AT_WAYPOINTS,
@@ -83,7 +83,7 @@ def test_a_leg_sees_what_its_samples_see_by_the_other_kernel(kind, rise):
     route = np.array([[-0.9, 2.3, 1.5], [3.7, 5.4, 1.5 + rise]])
     observations = coverage_kernels.sample_path(route, 0.25)
     headings = np.tile(route[1, :2] - route[0, :2], (len(observations), 1))
-    whole = coverage_kernels.seen_from_points(surface, sight, cells, observations, headings)
+    whole = coverage_kernels.observed_from_points(surface, sight, cells, observations, headings)
     assert whole.sum() > 0
     assert listed(surface, sight, cells, *route, 0.25) == set(np.flatnonzero(whole).tolist())
     # The other way round it looks straight down from the same places.
@@ -113,29 +113,29 @@ def test_what_a_leg_surely_shows_is_shown_wherever_the_pictures_fall():
     surface = rough_ground(5)
     cells = cells_on(surface, 5)
     p, q = np.array([-0.9, 2.3, 1.9]), np.array([3.7, 5.4, 2.6])
-    trigger, way = 0.5, math.hypot(*(q - p)[:2])
-    sure = listed(surface, PICTURE, cells, p, q, 1.0, trigger)
+    trigger, path_cost = 0.5, math.hypot(*(q - p)[:2])
+    sure = listed(surface, PHOTO, cells, p, q, 1.0, trigger)
     assert sure
     heading = np.tile((q - p)[:2], (200, 1))
     for phase in np.linspace(0.0, 1.0, 7):
         # As if the way went straight on by half the distance at each end.
-        along = np.arange(-0.5 * trigger + phase * trigger, way + 0.5 * trigger + 1e-9, trigger) / way
+        along = np.arange(-0.5 * trigger + phase * trigger, path_cost + 0.5 * trigger + 1e-9, trigger) / path_cost
         eyes = np.ascontiguousarray(p + along[:, None] * (q - p))
-        shown = coverage_kernels.seen_from_points(surface, PICTURE, cells, eyes, heading[: len(eyes)])
+        shown = coverage_kernels.observed_from_points(surface, PHOTO, cells, eyes, heading[: len(eyes)])
         assert sure <= set(np.flatnonzero(shown).tolist())
 
 
 def test_waypoints_on_a_straight_line_show_nothing_more_and_a_leg_straight_up_nothing():
     surface = rough_ground(5)
     cells = cells_on(surface, 5)
-    free = PICTURE._replace(line_of_sight=NO_LINE_OF_SIGHT)
+    free = PHOTO._replace(line_of_sight=NO_LINE_OF_SIGHT)
     p, q = np.array([-0.9, 2.3, 1.9]), np.array([3.7, 5.4, 2.6])
     whole = listed(surface, free, cells, p, q, 1.0, 0.8)
     pieces = [
         listed(surface, free, cells, p + s * (q - p), p + (s + 0.05) * (q - p), 1.0, 0.8) for s in np.arange(20) / 20
     ]
     assert len(whole ^ set().union(*pieces)) <= 0.03 * len(whole)
-    assert listed(surface, TURNED_PICTURE, cells, p, p + np.array([0.0, 0.0, 1.0]), 1.0, 0.8) == set()
+    assert listed(surface, TURNED_PHOTO, cells, p, p + np.array([0.0, 0.0, 1.0]), 1.0, 0.8) == set()
 
 
 def test_a_list_that_is_too_short_says_so():
@@ -146,18 +146,18 @@ def test_a_list_that_is_too_short_says_so():
     assert list_cells(surface, sight, cells, (1.0, 3.0, 2.0), (1.0, 3.0, 2.0), 1.0, 0.0, out) == -1
 
 
-PICTURE = make_sight(
+PHOTO = make_sight(
     -65.0, None, kind=FRUSTUM, reach_m=2.5, tan_half_fov=0.6, cos_max_incidence=0.2, line_of_sight=RAY,
     tan_half_along=0.4, sample_focal_m=2.4,
 )  # fmt: skip
-TURNED_PICTURE = make_sight(
+TURNED_PHOTO = make_sight(
     -80.0, 230.0, kind=FRUSTUM, reach_m=2.5, tan_half_fov=0.8, cos_max_incidence=0.2, line_of_sight=RAY,
     tan_half_along=0.4,
 )  # fmt: skip
 COARSE = Sight(CONE, 1.6, 0.8, 0.35, RAY, sample_focal_m=0.9)
 SIGHTS = {
     "sphere": Sight(SPHERE, 1.1, 0.0, -1.0, RAY), "cone": Sight(CONE, 1.6, 0.8, 0.35, RAY), "cone, fine": COARSE,
-    "picture": PICTURE, "picture with a heading": TURNED_PICTURE, "sphere, twice": Sight(SPHERE, 1.6, 0.0, -1.0, RAY),
+    "picture": PHOTO, "picture with a heading": TURNED_PHOTO, "sphere, twice": Sight(SPHERE, 1.6, 0.0, -1.0, RAY),
     "disc": Sight(DISC, 0.9, 0.0, -1.0, NO_LINE_OF_SIGHT), "sphere by midpoint": Sight(SPHERE, 1.1, 0.0, -1.0, MIDPOINT),
     "wide cone": Sight(CONE, 2.4, 1.3, 0.2, RAY), "cone, three times": Sight(CONE, 2.4, 1.3, 0.2, RAY),
 }  # fmt: skip
@@ -183,12 +183,12 @@ def small_problem(
 ) -> SearchProblem:
     surface = sine_cosine_ground(1.0).surface if surface is None else surface
     cells = cells_on(surface, seed)
-    shares = np.random.default_rng(seed).uniform(0.5, 1.0, cells.centre_m.shape[0])
-    shares[::7] = 0.0
-    square = np.empty(len(shares), dtype=np.int32)
+    fractions = np.random.default_rng(seed).uniform(0.5, 1.0, cells.centre_m.shape[0])
+    fractions[::7] = 0.0
+    square = np.empty(len(fractions), dtype=np.int32)
     square[cells.lattice[cells.lattice >= 0]] = np.flatnonzero(cells.lattice.ravel() >= 0)
     weight = np.zeros(cells.lattice.size)
-    weight[square] = shares / shares.sum()
+    weight[square] = fractions / fractions.sum()
     for array in (square, weight):
         array.flags.writeable = False
     limits = RouteLimits(0.1, 2.5, -1.0, 3.0, 0.6, legs, flyable_ground(SQUARE), beside_m=0.05, above_m=0.05)
@@ -200,7 +200,7 @@ def small_problem(
         sight,
         cells,
         quick,
-        picture_cells(surface, sight, cells),
+        photo_cells(surface, sight, cells),
         square,
         weight,
         0.4,
@@ -228,11 +228,11 @@ def small_state(problem: SearchProblem, count: int, capacity: int, *, seed: int 
 def test_a_recount_is_the_naive_one(kind, sensing, count):
     problem = small_problem(sensing, kind=kind)
     state = small_state(problem, count, 6)
-    counts, seen = naive.counts(problem, state.route[:count])
+    counts, observed = naive.counts(problem, state.route[:count])
     assert state.counts[problem.square].tolist() == counts
     assert state.counts.sum() == sum(counts)
     assert sum(counts) > 0 or count < 5
-    assert state.seen[0] == pytest.approx(seen, rel=1e-12)
+    assert state.observed[0] == pytest.approx(observed, rel=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["sphere", "cone"])
@@ -241,10 +241,10 @@ def test_what_a_span_alone_sees(kind, sensing):
     problem = small_problem(sensing, kind=kind)
     state = small_state(problem, 5, 6)
     observations = naive.segment_observations(sensing, [tuple(point) for point in state.route[:5]], problem.spacing_m)
-    seen = [naive.list_cells(problem.surface, problem.sight, problem.cells, segment) for segment in observations]
-    for k, mine in enumerate(seen):
-        alone = mine.difference(*seen[:k], *seen[k + 1 :])
-        assert seen_alone(problem, state, k) == pytest.approx(
+    observed = [naive.list_cells(problem.surface, problem.sight, problem.cells, segment) for segment in observations]
+    for k, mine in enumerate(observed):
+        alone = mine.difference(*observed[:k], *observed[k + 1 :])
+        assert observed_alone(problem, state, k) == pytest.approx(
             float(problem.weight[problem.square[list(alone)]].sum()), abs=1e-12
         )
 
@@ -252,7 +252,7 @@ def test_what_a_span_alone_sees(kind, sensing):
 def change_and_recount(problem: SearchProblem) -> None:
     """10,000 proposals, hot and cold; now and then the counts are compared with a recount, at the end with the naive twin's."""
     state = small_state(problem, 6, 14)
-    prices, rng = Prices(0.01, 0.005, 1.0, 0.9), np.random.default_rng(4)
+    weights, rng = Weights(0.01, 0.005, 1.0, 0.9), np.random.default_rng(4)
     fewest = 1 if problem.sensing == AT_WAYPOINTS and problem.limits.legs == 0 else 2
     sizes, sums, kept = set(), set(), 0
     # Hot, where nearly everything is kept, and cold, where nearly everything is undone.
@@ -260,7 +260,7 @@ def change_and_recount(problem: SearchProblem) -> None:
         temperature = 1e9 if number % 4 == 0 else 0.02
         kept += anneal(
             problem,
-            prices,
+            weights,
             Schedule(CHANGES // ROUNDS, temperature, temperature, 1.0, fewest, 14, TUNED.moves),
             state,
             rng,
@@ -271,16 +271,16 @@ def change_and_recount(problem: SearchProblem) -> None:
         anew = RouteState(*(array.copy() for array in state))
         assert recount(problem, anew)
         assert state.counts.tolist() == anew.counts.tolist()
-        assert state.seen[0] == pytest.approx(anew.seen[0], abs=1e-9)
+        assert state.observed[0] == pytest.approx(anew.observed[0], abs=1e-9)
         sums.add(int(anew.counts.sum()))
     assert 0.03 < kept / CHANGES < 0.9
     assert len(sizes) > 1
     assert len(sums) > 3
-    counts, seen = naive.counts(problem, snapshot(state))
+    counts, observed = naive.counts(problem, snapshot(state))
     assert state.counts[problem.square].tolist() == counts
-    assert state.seen[0] == pytest.approx(seen, abs=1e-9)
-    places = snapshot(state)
-    assert all(math.dist(p, q) >= problem.apart_m for p, q in itertools.combinations(places.tolist(), 2))
+    assert state.observed[0] == pytest.approx(observed, abs=1e-9)
+    positions = snapshot(state)
+    assert all(math.dist(p, q) >= problem.apart_m for p, q in itertools.combinations(positions.tolist(), 2))
 
 
 @pytest.mark.parametrize(
@@ -319,14 +319,14 @@ def test_counts_among_obstacles_after_10_000_changes_are_those_of_a_full_recount
 def test_cold_annealing_never_makes_the_energy_larger(sensing):
     problem = small_problem(sensing)
     state = small_state(problem, 6, 14)
-    prices, rng = Prices(0.01, 0.05, 3.0, 0.9), np.random.default_rng(2)
+    weights, rng = Weights(0.01, 0.05, 3.0, 0.9), np.random.default_rng(2)
     energies = []
     for _ in range(cases(compiled=40, interpreted=5)):
-        anneal(problem, prices, Schedule(50, 1e-12, 1e-12, 1.0, 2, 14, TUNED.moves), state, rng)
+        anneal(problem, weights, Schedule(50, 1e-12, 1e-12, 1.0, 2, 14, TUNED.moves), state, rng)
         n = int(state.size[0])
         points = snapshot(state)
         energies.append(
-            0.01 * path_length(points) + 0.05 * n + energy_of_share(prices, naive.counts(problem, points)[1])
+            0.01 * path_length(points) + 0.05 * n + energy_of_coverage(weights, naive.counts(problem, points)[1])
         )
     assert all(b <= a + 1e-9 for a, b in itertools.pairwise(energies))
     assert energies[-1] < 0.9 * energies[0]
@@ -339,7 +339,7 @@ def test_equal_generators_give_equal_routes():
         state = small_state(problem, 6, 14)
         anneal(
             problem,
-            Prices(0.01, 0.0, 1.0, 1.0),
+            Weights(0.01, 0.0, 1.0, 1.0),
             Schedule(cases(compiled=400, interpreted=20), 0.1, 0.01, 1.0, 2, 14, TUNED.moves),
             state,
             np.random.default_rng(seed),
@@ -372,7 +372,7 @@ def test_hot_changes_never_break_a_limit_of_the_legs(sensor):
     rng = np.random.default_rng(3)
     for _ in range(cases(compiled=30, interpreted=4)):
         anneal(
-            problem.numbers, Prices(0.0, 0.0, 1.0, 1.0), Schedule(100, 1e6, 1e6, 80.0, 2, 30, TUNED.moves), state, rng
+            problem.numbers, Weights(0.0, 0.0, 1.0, 1.0), Schedule(100, 1e6, 1e6, 80.0, 2, 30, TUNED.moves), state, rng
         )
         assert measure_violations(site, snapshot(state), margin_m=5.0).total == 0.0
     assert not np.allclose(snapshot(state)[0], points[0])

@@ -8,10 +8,10 @@ from tests.kernels.test_route_state import small_problem, small_state
 from tests.naive import route_state as naive_state
 from tests.naive import simplification as naive
 from uavcover.kernels.annealing import snapshot
+from uavcover.kernels.path_cost import SHORTEST
 from uavcover.kernels.route_state import recount
 from uavcover.kernels.route_state_cost import merge, take_out
 from uavcover.kernels.search_problem import ALONG_PATH, AT_WAYPOINTS
-from uavcover.kernels.way_cost import SHORTEST
 
 CHANGES = {"take out": (take_out, naive.take_out), "merge": (merge, naive.merge)}
 
@@ -29,17 +29,19 @@ CHANGES = {"take out": (take_out, naive.take_out), "merge": (merge, naive.merge)
 @pytest.mark.parametrize("seed", range(3))
 def test_as_the_naive_twin_does(name, sensing, kind, price, seed):
     compiled, twin = CHANGES[name]
-    problem = small_problem(sensing, legs=seed % 2, kind=kind)._replace(way=SHORTEST._replace(waypoint_price=price))
+    problem = small_problem(sensing, legs=seed % 2, kind=kind)._replace(
+        path_cost=SHORTEST._replace(waypoint_price=price)
+    )
     count = cases(compiled=8, interpreted=4)
     state = small_state(problem, count, count, seed=seed)
     for most_lost in (1e-12, 0.02, 0.2):
         route = [tuple(point) for point in snapshot(state).tolist()]
-        least = float(state.seen[0]) - 1.5 * most_lost
+        least = float(state.observed[0]) - 1.5 * most_lost
         gone = compiled(problem, state, 2, least, most_lost)
         expected = twin(problem, route, 2, least, most_lost)
         assert snapshot(state) == pytest.approx(np.array(expected), abs=1e-12)
         assert gone == len(route) - len(expected)
-        assert state.seen[0] == pytest.approx(naive_state.counts(problem, expected)[1], abs=1e-12)
+        assert state.observed[0] == pytest.approx(naive_state.counts(problem, expected)[1], abs=1e-12)
         counted = state.counts.copy()
         assert recount(problem, state)
         assert (state.counts == counted).all()

@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from tests.compiled_kernels import cases
-from tests.kernels.test_obstacles import obstacles_of, odd, places, prism_lists
+from tests.kernels.test_obstacles import obstacles_of, odd, positions, prism_lists
 from tests.naive import obstacles as naive
 from uavcover.kernels.obstacles import horizons, keeps_clear
 from uavcover.kernels.skyline import (
@@ -35,7 +35,7 @@ def skylines_of(obstacles, cells, flattest=0.0):
     return skylines(obstacles, cells, horizon, reach_m=REACH_M, flattest=flattest)
 
 
-def told(obstacles, cell, eyes, flattest=0.0):
+def reported(obstacles, cell, eyes, flattest=0.0):
     """What the skyline of a cell tells of the rays to some eyes."""
     skyline = skylines_of(obstacles, np.array([cell]), flattest)
     row = skyline_row(skyline, 0)
@@ -54,12 +54,12 @@ def test_bins_go_once_around_counter_clockwise_from_east():
 
 
 @deterministic
-@given(prism_lists, places, st.lists(places, min_size=5, max_size=5), st.sampled_from([0.0, 0.4, 2.0]))
+@given(prism_lists, positions, st.lists(positions, min_size=5, max_size=5), st.sampled_from([0.0, 0.4, 2.0]))
 def test_no_ray_is_told_to_be_what_it_is_not(prisms, cell, eyes, flattest):
     obstacles, spot = obstacles_of(prisms), shapely.Point(cell[:2])
     assume(not any(footprint.intersects(spot) and top > cell[2] for footprint, top in prisms))
     eyes = [eye for eye in eyes if math.dist(eye[:2], cell[:2]) < REACH_M]
-    for eye, tells in zip(eyes, told(obstacles, cell, eyes, flattest), strict=False):
+    for eye, tells in zip(eyes, reported(obstacles, cell, eyes, flattest), strict=False):
         if tells == CLEAR:
             assert keeps_clear(obstacles, eye, cell, 0.0, 0.0)
             assert naive.enters(prisms, eye, cell) < 1e-6
@@ -77,22 +77,22 @@ def test_no_ray_is_told_to_be_what_it_is_not(prisms, cell, eyes, flattest):
     st.floats(-1.0, 1.0),
     st.booleans(),
 )
-def test_rays_that_graze_a_top_are_told_right(prisms, place, steeper, beyond, aside, corner):
+def test_rays_that_graze_a_top_are_told_right(prisms, position, steeper, beyond, aside, corner):
     """As steep as the way to where a ray enters a footprint, or a little more or less; also through corners."""
     (footprint, top), *_ = prisms
-    cell = (*place, top - 5.0)
-    obstacles, spot = obstacles_of(prisms), shapely.Point(place)
+    cell = (*position, top - 5.0)
+    obstacles, spot = obstacles_of(prisms), shapely.Point(position)
     assume(footprint.distance(spot) > 0.1)
     assume(not any(other.intersects(spot) and high > cell[2] for other, high in prisms))
     target = np.array(footprint.exterior.coords[0] if corner else footprint.representative_point().coords[0])
-    way = target - place
+    path = target - position
     if not corner:
-        way = way + aside * np.array([-way[1], way[0]]) * 0.2
-    far = np.array(place) + beyond * way
-    entry = footprint.intersection(shapely.LineString([place, far])).distance(spot)
-    assume(0.0 < entry < REACH_M and math.dist(far, place) < REACH_M)
-    eye = (*far, cell[2] + steeper * 5.0 / entry * math.dist(far, place))
-    for tells in told(obstacles, cell, [eye]):
+        path = path + aside * np.array([-path[1], path[0]]) * 0.2
+    far = np.array(position) + beyond * path
+    entry = footprint.intersection(shapely.LineString([position, far])).distance(spot)
+    assume(0.0 < entry < REACH_M and math.dist(far, position) < REACH_M)
+    eye = (*far, cell[2] + steeper * 5.0 / entry * math.dist(far, position))
+    for tells in reported(obstacles, cell, [eye]):
         assert tells == UNDECIDED or (tells == CLEAR) == keeps_clear(obstacles, eye, cell, 0.0, 0.0)
 
 
@@ -100,7 +100,7 @@ def test_a_skyline_decides_nearly_all_rays_past_a_house():
     house = obstacles_of([(shapely.box(5.0, -10.0, 20.0, 10.0), 12.0)])
     rng = np.random.default_rng(1)
     eyes = [(*rng.uniform(-50.0, 50.0, 2), rng.uniform(0.0, 60.0)) for _ in range(2000)]
-    found = np.array(told(house, (0.0, 0.0, 0.0), eyes))
+    found = np.array(reported(house, (0.0, 0.0, 0.0), eyes))
     true = np.array([keeps_clear(house, eye, (0.0, 0.0, 0.0), 0.0, 0.0) for eye in eyes])
     assert np.mean(found[true] == CLEAR) > 0.95
     assert np.mean(found[~true] == HIDDEN) > 0.8
@@ -120,7 +120,7 @@ def test_a_skyline_decides_nearly_all_rays_past_a_house():
 def test_nothing_is_told_of_a_cell_at_a_wall(cell, expected):
     house = obstacles_of([(shapely.box(5.01, -10.0, 20.0, 10.0), 12.0), (shapely.box(-9.0, -9.0, -3.0, 9.0), 30.0)])
     eyes = [(a, b, c) for a in (-40.0, 2.0, 40.0) for b in (-40.0, 3.0, 40.0) for c in (1.0, 20.0, 400.0)]
-    assert set(told(house, cell, eyes)) == expected
+    assert set(reported(house, cell, eyes)) == expected
 
 
 def test_only_cells_that_rays_may_be_hidden_from_have_a_skyline():

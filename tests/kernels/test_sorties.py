@@ -8,19 +8,19 @@ import pytest
 
 from tests.compiled_kernels import cases
 from uavcover.kernels.flight_time import Pace, flight_time, landing_time, takeoff_time
-from uavcover.kernels.way_cost import (
+from uavcover.kernels.path_cost import (
     NO_ENERGIES,
     TIME,
     FlightCosts,
     FlightEnergies,
-    WayCost,
+    PathCost,
     flight_s,
     split,
     straight_ends,
 )
 
 PACE = Pace(10.0, 4.0, 3.0, acceleration_m_s2=2.5, vertical_acceleration_m_s2=1.0, jerk_m_s3=4.0)
-HOME = WayCost(TIME, PACE, 0.0, 0.0, mission=1, column_top=(10.0, -20.0, 45.0), column_m=30.0)
+HOME = PathCost(TIME, PACE, 0.0, 0.0, mission=1, climb_out_top=(10.0, -20.0, 45.0), climb_out_m=30.0)
 
 
 def random_costs(rng, n, shared):
@@ -115,12 +115,12 @@ def test_the_split_of_a_long_route_against_all_its_flights(shared):
 @pytest.mark.parametrize("stops", [0, 1])
 def test_ends_and_route_add_up_to_the_flight(stops):
     rng = np.random.default_rng(5)
-    way = HOME._replace(stop_at_first=stops)
+    path = HOME._replace(stop_at_first=stops)
     for _ in range(cases(compiled=50, interpreted=10)):
         route = rng.uniform([-300.0, -300.0, 40.0], [300.0, 300.0, 160.0], (int(rng.integers(1, 6)), 3))
-        there, back, alone = straight_ends(way, route)
-        whole = np.vstack([[way.column_top], route[:1], route[:stops], route[1:], [way.column_top]])
-        ends = takeoff_time(PACE, way.column_m) + landing_time(PACE, way.column_m)
+        there, back, alone = straight_ends(path, route)
+        whole = np.vstack([[path.climb_out_top], route[:1], route[:stops], route[1:], [path.climb_out_top]])
+        ends = takeoff_time(PACE, path.climb_out_m) + landing_time(PACE, path.climb_out_m)
         expected = ends + flight_time(PACE, whole)
         if len(route) == 1:
             assert alone[0] == pytest.approx(expected)

@@ -15,7 +15,7 @@ from uavcover.terrain.ground import grid_ground, sine_cosine_ground
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=cases(compiled=40, interpreted=12))
 
-shares = st.one_of(st.sampled_from([0.0, 0.25, 0.5, 1.0]), st.floats(0.0, 1.0, width=32))
+fractions = st.one_of(st.sampled_from([0.0, 0.25, 0.5, 1.0]), st.floats(0.0, 1.0, width=32))
 node_heights = st.one_of(st.integers(-3, 3).map(float), st.floats(-500.0, 500.0, width=32))
 
 
@@ -35,10 +35,10 @@ def grids(draw, *, with_gaps=False):
 
 
 @st.composite
-def places(draw, surface, *, outside=False):
+def positions(draw, surface, *, outside=False):
     rows, columns = surface.up_m.shape
-    u = draw(shares) * (columns - 1)
-    v = draw(shares) * (rows - 1)
+    u = draw(fractions) * (columns - 1)
+    v = draw(fractions) * (rows - 1)
     if outside:
         u += draw(st.sampled_from([0.0, 0.0, columns, -columns]))
     return surface.grid.east0_m + u * surface.step_m, surface.grid.north0_m + v * surface.step_m
@@ -47,7 +47,7 @@ def places(draw, surface, *, outside=False):
 @st.composite
 def segments(draw, *, with_gaps=False, outside=False):
     surface = draw(grids(with_gaps=with_gaps))
-    ends = [(*draw(places(surface, outside=outside)), draw(node_heights)) for _ in range(2)]
+    ends = [(*draw(positions(surface, outside=outside)), draw(node_heights)) for _ in range(2)]
     p, q = (np.array(end) for end in ends)
     p.setflags(write=False)
     q.setflags(write=False)
@@ -62,14 +62,16 @@ def twin(function, surface, *args):
 @given(st.data())
 def test_height_and_gradient_equal_the_naive_twin(data):
     surface = data.draw(grids(with_gaps=True))
-    place = data.draw(places(surface, outside=True))
-    expected = twin(naive.height, surface, *place)
-    assert kernels.height(surface, *place) == pytest.approx(expected, abs=1e-9, nan_ok=True)
-    assert kernels.gradient(surface, *place) == pytest.approx(
-        twin(naive.gradient, surface, *place), abs=1e-9, nan_ok=True
+    position = data.draw(positions(surface, outside=True))
+    expected = twin(naive.height, surface, *position)
+    assert kernels.height(surface, *position) == pytest.approx(expected, abs=1e-9, nan_ok=True)
+    assert kernels.gradient(surface, *position) == pytest.approx(
+        twin(naive.gradient, surface, *position), abs=1e-9, nan_ok=True
     )
-    east = place[0] - surface.grid.east0_m
-    assert kernels.has_node_cell(surface, *place, 0.0) == (0.0 <= east <= surface.step_m * (surface.up_m.shape[1] - 1))
+    east = position[0] - surface.grid.east0_m
+    assert kernels.has_node_cell(surface, *position, 0.0) == (
+        0.0 <= east <= surface.step_m * (surface.up_m.shape[1] - 1)
+    )
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
@@ -190,7 +192,7 @@ def test_legs_are_segments(case, count):
 @given(st.data())
 def test_no_two_places_have_a_steeper_slope_than_the_bound(data):
     surface = data.draw(grids())
-    (e0, n0), (e1, n1) = (data.draw(places(surface)) for _ in range(2))
+    (e0, n0), (e1, n1) = (data.draw(positions(surface)) for _ in range(2))
     run = math.dist((e0, n0), (e1, n1))
     rise = abs(kernels.height(surface, e1, n1) - kernels.height(surface, e0, n0))
     assert rise <= surface.steepest * run * (1 + 1e-9) + 1e-9

@@ -12,12 +12,12 @@ from mission_io.model import actions as a
 from mission_io.model.items import Command, Frame, FramedPoint, MissionItem, SpeedType, same_item
 from tests.mission_io.formats.samples import COMMANDS, ITEMS, LATITUDES, LONGITUDES
 
-PLACE = FramedPoint(33.2191234, -98.1240001, 60.25, Frame.ABOVE_TERRAIN)
+POSITION = FramedPoint(33.2191234, -98.1240001, 60.25, Frame.ABOVE_TERRAIN)
 
 _FLOATS = st.floats(-1e30, 1e30)
-_PLACES = st.builds(FramedPoint, LATITUDES, LONGITUDES, _FLOATS, st.sampled_from([Frame.AMSL, Frame.ABOVE_HOME]))
+_POSITIONS = st.builds(FramedPoint, LATITUDES, LONGITUDES, _FLOATS, st.sampled_from([Frame.AMSL, Frame.ABOVE_HOME]))
 _OF_TYPE = {
-    "FramedPoint": _PLACES,
+    "FramedPoint": _POSITIONS,
     "float": _FLOATS,
     "int": st.integers(-1000, 1000),
     "bool": st.booleans(),
@@ -57,7 +57,7 @@ def test_looking_at_an_item_raises_nothing_and_agrees_with_it(item: MissionItem)
 @pytest.mark.parametrize(
     ("action", "command", "values"),
     [
-        (a.Waypoint(PLACE, 5.0, 2.0), 16, (5.0, 2.0, 0.0, math.nan, 33.2191234, -98.1240001, 60.25)),
+        (a.Waypoint(POSITION, 5.0, 2.0), 16, (5.0, 2.0, 0.0, math.nan, 33.2191234, -98.1240001, 60.25)),
         (a.Turn(90.0, 10.0, a.TurnDirection.COUNTERCLOCKWISE, relative=True), 115, (90.0, 10.0, -1.0, 1.0, 0, 0, 0)),
         (a.PointMount(-90.0), 205, (-90.0, 0, 0, 0, 0, 0, 2.0)),
         (a.PointGimbal(-45.0), 1000, (-45.0, math.nan, math.nan, math.nan, 0, 0, 0)),

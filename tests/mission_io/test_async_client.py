@@ -48,14 +48,14 @@ def client_of(peer: VehiclePeer) -> AsyncClient:
 @pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda autopilot: autopilot.name)
 def test_upload_download_and_clear(autopilot: Autopilot) -> None:
     peer = VehiclePeer(autopilot)
-    told: list[tuple[int, int, str]] = []
+    reported: list[tuple[int, int, str]] = []
 
     async def session() -> None:
         loop_thread = threading.current_thread().name
 
         def progress(done: int, total: int) -> None:
             assert threading.current_thread().name == loop_thread
-            told.append((done, total, "up"))
+            reported.append((done, total, "up"))
 
         async with client_of(peer) as client:
             vehicle = await client.wait_for_vehicle(60.0)
@@ -68,7 +68,7 @@ def test_upload_download_and_clear(autopilot: Autopilot) -> None:
 
     asyncio.run(session())
     count = len(peer.server.items(MissionType.MISSION))
-    assert told[-1] == (count, count, "up")
+    assert reported[-1] == (count, count, "up")
 
 
 def test_the_loop_goes_on_while_a_call_waits() -> None:

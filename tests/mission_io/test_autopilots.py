@@ -146,8 +146,8 @@ def test_home_is_the_vehicles_own_and_lengths_must_agree() -> None:
         (count,) = compare_items(sent, received, ARDUPILOT)
         assert (count.field, count.acceptable) == ("count", False)
         assert why in count.why
-    (place,) = compare_items(sent[:1], other[:1], ARDUPILOT, MissionType.RALLY)[:1]
-    assert not place.acceptable
+    (position,) = compare_items(sent[:1], other[:1], ARDUPILOT, MissionType.RALLY)[:1]
+    assert not position.acceptable
 
 
 @pytest.mark.parametrize(

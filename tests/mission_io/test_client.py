@@ -171,7 +171,7 @@ def test_a_vehicle_that_asks_the_time_is_answered_and_nobody_else() -> None:
     peer.outbox = [m.TimeSync(0, 8_000_000_000)]
     client.poll(0.5)
     (answer,) = [received.message for received in peer.heard if isinstance(received.message, m.TimeSync)]
-    assert answer.asked_ns == 7_000_000_001
+    assert answer.requested_ns == 7_000_000_001
     assert 0 < answer.answered_ns <= client.clock.now() * 1e9
 
 
@@ -238,27 +238,27 @@ class WithCard(VehiclePeer):
         if isinstance(received.message, m.ParamRequestRead) and self.size_kb is not None:
             self.outbox.append(m.ParamValue(received.message.name, self.size_kb))
 
-    def asked_for(self) -> list[str]:
+    def requested_for(self) -> list[str]:
         """The parameters that were asked for."""
         return [r.message.name for r in self.heard if isinstance(r.message, m.ParamRequestRead)]
 
 
 def _long_mission(count: int) -> Mission:
-    places = (waypoint(46.5 + i * 1e-5, -7.25, 40.0, frame=Frame.ABOVE_HOME) for i in range(count))
-    return Mission(HOME, tuple(places))
+    positions = (waypoint(46.5 + i * 1e-5, -7.25, 40.0, frame=Frame.ABOVE_HOME) for i in range(count))
+    return Mission(HOME, tuple(positions))
 
 
 @pytest.mark.parametrize(("size_kb", "limit"), [(64.0, 4368), (12.0, 818), (1.0, 68), (0.0, None), (math.nan, None)])
 def test_a_vehicle_with_a_memory_card_tells_how_many_items_it_takes(size_kb: float, limit: int | None) -> None:
     peer = WithCard(size_kb=size_kb)
     assert connected(peer).ask_item_limit() == limit
-    assert peer.asked_for() == ["BRD_SD_MISSION"]
+    assert peer.requested_for() == ["BRD_SD_MISSION"]
 
 
 def test_px4_is_not_asked_what_it_does_not_tell() -> None:
     peer = WithCard(PX4, size_kb=64.0)
     assert connected(peer).ask_item_limit() is None
-    assert peer.asked_for() == []
+    assert peer.requested_for() == []
 
 
 def test_a_mission_longer_than_usual_is_sent_to_a_vehicle_that_takes_it() -> None:
@@ -281,7 +281,7 @@ def test_a_mission_too_long_for_the_vehicle_is_not_sent(size_kb: float | None, l
 def test_a_mission_of_usual_length_waits_for_no_parameter() -> None:
     peer = WithCard(size_kb=None)
     assert connected(peer).upload_and_verify(_long_mission(649)).passed
-    assert peer.asked_for() == []
+    assert peer.requested_for() == []
 
 
 def test_emptying_a_px4_that_is_busy_takes_until_it_is_free() -> None:
@@ -342,12 +342,12 @@ def test_interrupting_tells_the_vehicle() -> None:
 
 
 def test_a_listener_sees_everything_and_the_client_closes_its_link() -> None:
-    seen: list[float] = []
+    observed: list[float] = []
     base = connected(VehiclePeer(PX4))
-    with Client(base.link, listener=lambda _, now: seen.append(now)) as client:
+    with Client(base.link, listener=lambda _, now: observed.append(now)) as client:
         client.wait_for_vehicle(5.0)
         client.upload(MissionType.MISSION, MISSION.items)
-    assert len(seen) > 8
+    assert len(observed) > 8
     with pytest.raises(Exception, match="closed"):
         client.poll(0.1)
 

@@ -353,7 +353,7 @@ def test_every_field_of_mavlink_1_is_one_of_ours_or_a_constant(name: str) -> Non
     row = ROWS[name]
     ours = {wire for field in row.fields for wire in field.wire}
     decided = ours | DECIDED_ZERO.get(name, set())
-    base = [field for field in row.layout.places if row.layout.size_before(field) < row.size_1]
+    base = [field for field in row.layout.spans if row.layout.size_before(field) < row.size_1]
     assert [field for field in base if field not in decided] == []
 
 

@@ -14,7 +14,7 @@ from pymavlink import mavwp
 from pymavlink.dialects.v20 import common as dialect
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
-from mission_io.autopilots.comparison import SAME_PLACE_M, Meaning, compare_items, fault_text, faults, meaning_of
+from mission_io.autopilots.comparison import SAME_POSITION_M, Meaning, compare_items, fault_text, faults, meaning_of
 from mission_io.autopilots.mission_lists import stored_item, wire_items
 from mission_io.formats import plan, wpl
 from mission_io.model.actions import PointGimbal, PointMount, item_of
@@ -46,7 +46,7 @@ HOMES = [(46.5, -7.25), (-33.123456789, 179.99999), (0.0, 0.0), (69.7, -179.9999
 def any_mission(rng: random.Random, *, lat_deg: float, lon_deg: float, px4: bool) -> Mission:
     """A mission with every command that a plan can have, at places with all their digits."""
 
-    def place() -> tuple[float, float, float]:
+    def position() -> tuple[float, float, float]:
         return (
             lat_deg + rng.uniform(-0.01, 0.01),
             (lon_deg + rng.uniform(-0.01, 0.01) + 180.0) % 360.0 - 180.0,
@@ -58,14 +58,16 @@ def any_mission(rng: random.Random, *, lat_deg: float, lon_deg: float, px4: bool
         takeoff(lat_deg, lon_deg, 20.0, frame=relative),
         change_speed(rng.uniform(1.0, 20.0)),
         item_of(PointMount(-90.0)) if px4 else item_of(PointGimbal(-90.0, 0.0, 0.0, 0.0)),
-        look_at(*place(), frame=relative),
-        waypoint(*place(), frame=relative, hold_s=float(rng.randrange(9)), acceptance_radius_m=rng.uniform(1.0, 5.0)),
+        look_at(*position(), frame=relative),
+        waypoint(
+            *position(), frame=relative, hold_s=float(rng.randrange(9)), acceptance_radius_m=rng.uniform(1.0, 5.0)
+        ),
         trigger_camera_every(rng.uniform(3.0, 60.0)),
-        *(waypoint(*place(), frame=relative) for _ in range(8)),
+        *(waypoint(*position(), frame=relative) for _ in range(8)),
         delay(float(rng.randrange(1, 20))),
         trigger_camera_every(0.0),
         look_ahead(),
-        return_to_launch() if rng.random() < 0.5 else land(*place(), frame=relative),
+        return_to_launch() if rng.random() < 0.5 else land(*position(), frame=relative),
     ]
     if px4:
         items[4] = replace(items[4], params=(*items[4].params[:3], rng.uniform(0.0, 360.0)))
@@ -229,7 +231,7 @@ def test_the_largest_difference_is_named_first_with_its_size(autopilot: Autopilo
     far[3], far[at] = replace(sent[3], params=(math.inf, 1.0, 1.0, 1.0)), moved(sent[at], 80.0, 43.21)
     assert ": 43.21 m away" in (fault_text(compare_items(sent, far, autopilot)) or "")
     assert (fault_text(compare_items(sent, far[:-1], autopilot)) or "").startswith("count is ")
-    assert SAME_PLACE_M == 0.02
+    assert SAME_POSITION_M == 0.02
 
 
 # Missions that other programs loaded from our own files.

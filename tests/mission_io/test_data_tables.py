@@ -27,7 +27,7 @@ class Kind:
 
     wait_s: float
     tries: int
-    late_share: float
+    late_fraction: float
     title: str
     quick: bool
     box_m: tuple[float, float]
@@ -36,14 +36,14 @@ class Kind:
 
 
 GOOD = {
-    "wait_s": 2, "tries": 3, "late_share": 0.5, "title": "slow", "quick": True, "box_m": [1.0, 2], "steps_s": [0.1, 0.2, 0.3],
+    "wait_s": 2, "tries": 3, "late_fraction": 0.5, "title": "slow", "quick": True, "box_m": [1.0, 2], "steps_s": [0.1, 0.2, 0.3],
     "lines": [{"severity": "INFO", "text": "ready"}],
 }  # fmt: skip
 
 
 def test_a_table_is_read_with_the_types_of_its_fields() -> None:
     assert table_of(Kind, GOOD, where="x.toml: link") == Kind(
-        wait_s=2.0, tries=3, late_share=0.5, title="slow", quick=True, box_m=(1.0, 2.0), steps_s=(0.1, 0.2, 0.3),
+        wait_s=2.0, tries=3, late_fraction=0.5, title="slow", quick=True, box_m=(1.0, 2.0), steps_s=(0.1, 0.2, 0.3),
         lines=(Line(Severity.INFO, "ready"),),
     )  # fmt: skip
     assert isinstance(table_of(Kind, GOOD, where="x").wait_s, float)
@@ -57,7 +57,7 @@ def test_a_table_is_read_with_the_types_of_its_fields() -> None:
         ("wait_s", float("nan"), "must be finite, not nan"),
         ("tries", 3.0, "expected a value of type int, not 3.0"),
         ("tries", False, "expected a value of type int, not False"),
-        ("late_share", 1.5, "must be between 0 and 1, not 1.5"),
+        ("late_fraction", 1.5, "must be between 0 and 1, not 1.5"),
         ("title", 1, "expected a value of type str, not 1"),
         ("quick", 1, "expected a value of type bool, not 1"),
         ("box_m", [1.0], "expected a list of another length, not [1.0]"),

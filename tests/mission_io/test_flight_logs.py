@@ -25,11 +25,11 @@ class KeepsLogs(VehiclePeer):
         match received.message:
             case LogRequestList():
                 self.outbox += [LogEntry(n, len(LOGS), max(LOGS), 0, len(LOGS[n])) for n in LOGS]
-            case LogRequestData() as asked:
-                for at in range(asked.offset_bytes, asked.offset_bytes + asked.count, 90):
-                    part = LOGS[asked.log_id][at : min(at + 90, asked.offset_bytes + asked.count)]
+            case LogRequestData() as requested:
+                for at in range(requested.offset_bytes, requested.offset_bytes + requested.count, 90):
+                    part = LOGS[requested.log_id][at : min(at + 90, requested.offset_bytes + requested.count)]
                     if at < self.gives_out_at:
-                        self.outbox.append(LogData(asked.log_id, at, len(part), (*part, *(0,) * (90 - len(part)))))
+                        self.outbox.append(LogData(requested.log_id, at, len(part), (*part, *(0,) * (90 - len(part)))))
             case LogRequestEnd():
                 self.ended += 1
 
@@ -52,12 +52,14 @@ def test_a_vehicle_without_logs_has_an_empty_list() -> None:
 def test_every_byte_of_a_log_comes_across(loss: float) -> None:
     peer = KeepsLogs()
     client = connected(peer, conditions=Conditions(loss=loss))
-    told: list[tuple[int, int]] = []
+    reported: list[tuple[int, int]] = []
     for entry in list_flight_logs(client):
-        content = FlightLogDownloads(client).download(entry, progress=lambda done, total: told.append((done, total)))
+        content = FlightLogDownloads(client).download(
+            entry, progress=lambda done, total: reported.append((done, total))
+        )
         assert content == LOGS[entry.log_id]
-    assert (200_001, 200_001) in told
-    assert told[-1] == (90, 90)
+    assert (200_001, 200_001) in reported
+    assert reported[-1] == (90, 90)
     assert peer.ended > 0
 
 
@@ -83,8 +85,8 @@ def test_what_gave_up_goes_on_and_asks_for_nothing_twice() -> None:
     client.poll(0.1)
     peer.gives_out_at, heard = 1 << 40, len(peer.heard)
     assert downloads.download(entry) == LOGS[3]
-    asked = [r.message for r in peer.heard[heard:] if isinstance(r.message, LogRequestData)]
-    assert [(one.offset_bytes, one.count) for one in asked] == [(60_030, 139_971)]
+    requested = [r.message for r in peer.heard[heard:] if isinstance(r.message, LogRequestData)]
+    assert [(one.offset_bytes, one.count) for one in requested] == [(60_030, 139_971)]
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -93,8 +95,8 @@ def test_only_what_got_lost_is_asked_for_again(seed: int) -> None:
     client = connected(peer, seed=seed, conditions=Conditions(loss=0.2, duplication=0.1, delay_s=0.01))
     entry = next(entry for entry in list_flight_logs(client, timeout_s=60.0) if entry.log_id == 3)
     assert FlightLogDownloads(client).download(entry) == LOGS[3]
-    asked = [r.message for r in peer.heard if isinstance(r.message, LogRequestData)]
-    assert sum(one.count for one in asked) < 1.8 * len(LOGS[3])
+    requested = [r.message for r in peer.heard if isinstance(r.message, LogRequestData)]
+    assert sum(one.count for one in requested) < 1.8 * len(LOGS[3])
 
 
 def test_a_lost_entry_of_the_list_is_asked_for_by_its_number() -> None:
@@ -107,8 +109,8 @@ def test_a_lost_entry_of_the_list_is_asked_for_by_its_number() -> None:
 
     peer = Forgets()
     assert [entry.log_id for entry in list_flight_logs(connected(peer))] == [5, 6, 7]
-    asked = [r.message for r in peer.heard if isinstance(r.message, LogRequestList)]
-    assert (asked[-1].first, asked[-1].last) == (6, 6)
+    requested = [r.message for r in peer.heard if isinstance(r.message, LogRequestList)]
+    assert (requested[-1].first, requested[-1].last) == (6, 6)
 
 
 def test_bytes_of_strangers_and_short_pieces_are_not_taken() -> None:

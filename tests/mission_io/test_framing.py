@@ -38,8 +38,8 @@ streams = st.lists(st.one_of(valid, cut_off, damaged, st.binary(max_size=40), ma
 
 
 def in_pieces(data: bytes, cuts: list[int]) -> list[bytes]:
-    places = sorted({0, len(data), *(cut % (len(data) + 1) for cut in cuts)})
-    return [data[a:b] for a, b in itertools.pairwise(places)]
+    positions = sorted({0, len(data), *(cut % (len(data) + 1) for cut in cuts)})
+    return [data[a:b] for a, b in itertools.pairwise(positions)]
 
 
 @settings(derandomize=True, max_examples=400, deadline=None)

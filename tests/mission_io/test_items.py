@@ -45,17 +45,17 @@ FENCE = Fence(
 
 
 def test_constructors_say_what_the_commands_mean() -> None:
-    place = {"frame": Frame.ABOVE_HOME}
-    assert i.waypoint(46.0, -7.0, 30.0, hold_s=5.0, **place).params == (5.0, 0.0, 0.0, 0.0)
-    assert i.takeoff(46.0, -7.0, 30.0, **place).command == 22
-    assert i.land(46.0, -7.0, **place).alt_m == 0.0
+    position = {"frame": Frame.ABOVE_HOME}
+    assert i.waypoint(46.0, -7.0, 30.0, hold_s=5.0, **position).params == (5.0, 0.0, 0.0, 0.0)
+    assert i.takeoff(46.0, -7.0, 30.0, **position).command == 22
+    assert i.land(46.0, -7.0, **position).alt_m == 0.0
     assert i.return_to_launch() == MissionItem(20, Frame.COMMAND)
     assert i.change_speed(8.5).params == (1.0, 8.5, -1.0, 0.0)
     assert i.change_speed(3.0, kind=i.SpeedType.CLIMB).params[0] == 2.0
     assert i.delay(4.5).params == (4.5, -1.0, -1.0, -1.0)
     assert i.trigger_camera_every(12.5).params == (12.5, 0.0, 1.0, 0.0)
     assert i.trigger_camera_every(0.0).params == (0.0, 0.0, 0.0, 0.0)
-    assert i.look_at(46.0, -7.0, 5.0, **place).command == 195
+    assert i.look_at(46.0, -7.0, 5.0, **position).command == 195
     assert i.look_ahead().command == 197
 
 
@@ -164,8 +164,8 @@ def test_distances_across_the_date_line_and_to_the_other_side() -> None:
 
 def test_points_in_space_agree_with_pyproj() -> None:
     to_space = Transformer.from_crs("EPSG:4979", "EPSG:4978")
-    for place in ((33.2, -98.1, 345.0), (-89.0, 12.0, -50.0), (0.0, 180.0, 9000.0)):
-        assert earth_centred_m(*place) == pytest.approx(to_space.transform(*place), abs=1e-6)
+    for position in ((33.2, -98.1, 345.0), (-89.0, 12.0, -50.0), (0.0, 180.0, 9000.0)):
+        assert earth_centred_m(*position) == pytest.approx(to_space.transform(*position), abs=1e-6)
 
 
 def test_a_plausible_mission_raises_no_doubts() -> None:

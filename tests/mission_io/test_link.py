@@ -78,15 +78,15 @@ def test_urls_that_cannot_be_opened_say_what_can(url: str, what: str) -> None:
 
 def test_an_endpoint_can_be_registered_under_a_name_of_its_own() -> None:
     link = UdpLink.listening()
-    seen: list[LinkUrl] = []
+    observed: list[LinkUrl] = []
 
     def factory(url: LinkUrl) -> UdpLink:
-        seen.append(url)
+        observed.append(url)
         return link
 
     register_endpoint("testmock", factory)
     assert open_link("testmock:px4") is link
-    assert seen == [LinkUrl("testmock", rest="px4")]
+    assert observed == [LinkUrl("testmock", rest="px4")]
     link.close()
     for taken in ("udp", "tcp", "tcpin", "serial", "no scheme"):
         with pytest.raises(MisuseError, match="cannot be registered"):
@@ -240,7 +240,7 @@ def test_strangers_on_the_port_of_a_vehicle_neither_redirect_nor_are_heard(seed:
     with UdpLink.listening(clock=clock) as ground, contextlib.ExitStack() as open_links:
         vehicle = open_links.enter_context(UdpLink.connecting("127.0.0.1", ground.local_port))
         listening_to(vehicle, ground, Codec(system_id=1, component_id=1))
-        place = ("127.0.0.1", vehicle.local_port)
+        position = ("127.0.0.1", vehicle.local_port)
         for number in range(40):
             clock.advance_to(number * 0.5)
             stranger = open_links.enter_context(UdpLink.connecting("127.0.0.1", ground.local_port))
@@ -250,7 +250,7 @@ def test_strangers_on_the_port_of_a_vehicle_neither_redirect_nor_are_heard(seed:
             )
             vehicle.send(b"still here")
             assert ground.receive(5.0) == b"still here"
-            assert (ground.peer, ground.peers) == (place, (place,))
+            assert (ground.peer, ground.peers) == (position, (position,))
         ground.send(b"to the vehicle")
         assert vehicle.receive(5.0) == b"to the vehicle"
         assert stranger.receive(0.0) is None
@@ -272,8 +272,8 @@ def test_a_vehicle_that_comes_back_on_another_port_is_followed_once_its_own_is_s
         for _ in range(2):
             twin.send(codec.encode(BEAT))
             assert ground.receive(0.05) is None
-        (told,) = caplog.messages
-        assert told == f"system 1 also sends from 127.0.0.1:{twin.local_port}, which is ignored"
+        (reported,) = caplog.messages
+        assert reported == f"system 1 also sends from 127.0.0.1:{twin.local_port}, which is ignored"
         clock.advance_to(TAKE_OVER_S + 0.1)
         twin.send(codec.encode(BEAT))
         assert ground.receive(0.05) is None, "another vehicle with this system ID"

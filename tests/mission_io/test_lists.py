@@ -149,7 +149,7 @@ def wired(item: MissionItem, seq: int, mission_type: MissionType = MissionType.M
     return message_from_item(item, seq, mission_type=mission_type, target_system=1, target_component=1)
 
 
-def told(peer: VehiclePeer, *messages: m.Message | tuple[int, m.Message]) -> list[str]:
+def reported(peer: VehiclePeer, *messages: m.Message | tuple[int, m.Message]) -> list[str]:
     """What the vehicle answers to each, from station 255 or the one that is named."""
     said = []
     for k, one in enumerate(messages):
@@ -192,7 +192,7 @@ def test_parts_are_answered_as_arducopter_answers_them(
     peer = VehiclePeer(ARDUPILOT)
     holding(peer)
     before = peer.server.items(MissionType.MISSION)
-    assert " ".join(told(peer, *messages)) == answers
+    assert " ".join(reported(peer, *messages)) == answers
     after = peer.server.items(MissionType.MISSION)
     if written is None:
         assert len(after) != len(before)
@@ -205,14 +205,16 @@ def test_a_fence_does_not_grow_by_a_part() -> None:
     peer = VehiclePeer(ARDUPILOT)
     fence = [MissionItem(Command.NAV_FENCE_CIRCLE_EXCLUSION, Frame.AMSL, (20.0, 0.0, 0.0, 0.0), 46.5, -7.3, 0.0)]
     peer.server.set_items(MissionType.FENCE, fence)
-    said = told(peer, m.MissionWritePartialList(1, 1, 1, 1, MissionType.FENCE), wired(fence[0], 1, MissionType.FENCE))
+    said = reported(
+        peer, m.MissionWritePartialList(1, 1, 1, 1, MissionType.FENCE), wired(fence[0], 1, MissionType.FENCE)
+    )
     assert said == ["req1", "ack13"]
     assert peer.server.items(MissionType.FENCE) == tuple(fence)
 
 
 def test_a_whole_list_with_a_jump_that_leads_nowhere_is_refused() -> None:
     peer = VehiclePeer(ARDUPILOT)
-    assert told(peer, m.MissionCount(1, 1, 2), wired(NEW, 0), wired(JUMPS_TO[8], 1)) == ["req0", "req1", "ack1"]
+    assert reported(peer, m.MissionCount(1, 1, 2), wired(NEW, 0), wired(JUMPS_TO[8], 1)) == ["req0", "req1", "ack1"]
 
 
 class TellsIds(VehiclePeer):

@@ -54,12 +54,12 @@ from tests.mission_io.formats.samples import FENCE, HOME, MISSION, RALLY
 
 BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 TO = {"mission_type": MissionType.MISSION, "target_system": 1, "target_component": 1}
-PLACE = waypoint(33.2191234, -98.1240001, 60.25, frame=Frame.ABOVE_HOME)
+POSITION = waypoint(33.2191234, -98.1240001, 60.25, frame=Frame.ABOVE_HOME)
 JUMP = MissionItem(Command.DO_JUMP, Frame.COMMAND, (2.0, 3.0, 0.0, 0.0))
 
 
 def problems(item: MissionItem, autopilot: Autopilot) -> str:
-    found = check_for_autopilot([PLACE, item, PLACE], autopilot)
+    found = check_for_autopilot([POSITION, item, POSITION], autopilot)
     return "; ".join(str(problem) for problem in found)
 
 
@@ -87,10 +87,13 @@ def test_rally_points_go_in_frames_0_and_3_for_px4_returns_to_no_other() -> None
 
 
 def test_float_items_lose_decimetres_and_int_items_nothing() -> None:
-    lost_m = abs(float32(PLACE.lon_deg) - PLACE.lon_deg) * 111_000.0
+    lost_m = abs(float32(POSITION.lon_deg) - POSITION.lon_deg) * 111_000.0
     assert 0.01 < lost_m < 0.5
-    message = message_from_item(PLACE, 1, **TO)  # type: ignore[arg-type]
-    assert (item_from_message(message).lat_deg, item_from_message(message).lon_deg) == (PLACE.lat_deg, PLACE.lon_deg)
+    message = message_from_item(POSITION, 1, **TO)  # type: ignore[arg-type]
+    assert (item_from_message(message).lat_deg, item_from_message(message).lon_deg) == (
+        POSITION.lat_deg,
+        POSITION.lon_deg,
+    )
 
 
 def test_coordinates_are_rounded_because_truncation_puts_six_in_a_hundred_off_by_one() -> None:
@@ -108,14 +111,14 @@ def test_sequence_0_is_home_or_the_first_item(autopilot: Autopilot) -> None:
 
 
 def test_a_list_without_home_would_lose_its_first_item_on_ardupilot() -> None:
-    (problem,) = check_for_autopilot([takeoff(33.2, -98.1, 30.0, frame=Frame.ABOVE_HOME), PLACE], ARDUPILOT)
+    (problem,) = check_for_autopilot([takeoff(33.2, -98.1, 30.0, frame=Frame.ABOVE_HOME), POSITION], ARDUPILOT)
     assert (problem.item, problem.field) == (0, "command")
     assert "would be lost; send home first" in problem.what
-    assert check_for_autopilot([takeoff(33.2, -98.1, 30.0, frame=Frame.ABOVE_HOME), PLACE], PX4) == ()
+    assert check_for_autopilot([takeoff(33.2, -98.1, 30.0, frame=Frame.ABOVE_HOME), POSITION], PX4) == ()
 
 
 def test_terrain_frames_are_for_ardupilot_only() -> None:
-    terrain = replace(PLACE, frame=Frame.ABOVE_TERRAIN)
+    terrain = replace(POSITION, frame=Frame.ABOVE_TERRAIN)
     assert problems(terrain, ARDUPILOT) == ""
     assert (
         problems(terrain, PX4)
@@ -127,16 +130,16 @@ def test_terrain_frames_are_for_ardupilot_only() -> None:
 @pytest.mark.parametrize("item", [return_to_launch(), change_speed(5.0), trigger_camera_every(25.0), delay(2.0)])
 def test_commands_without_a_location_go_in_frame_2_which_both_take(item: MissionItem, autopilot: Autopilot) -> None:
     written_by_mission_planner = replace(item, frame=Frame.ABOVE_HOME)
-    sent = wire_items(Mission(HOME, (PLACE, written_by_mission_planner)), autopilot)
+    sent = wire_items(Mission(HOME, (POSITION, written_by_mission_planner)), autopilot)
     assert sent[-1] == item
     assert check_for_autopilot(sent, autopilot) == ()
-    assert bool(check_for_autopilot([PLACE, written_by_mission_planner], PX4))
+    assert bool(check_for_autopilot([POSITION, written_by_mission_planner], PX4))
 
 
 @BOTH
 def test_all_commands_come_back_as_they_were_meant(autopilot: Autopilot) -> None:
     items = (
-        PLACE, JUMP, change_speed(5.0), trigger_camera_every(25.0), delay(2.0), return_to_launch(),
+        POSITION, JUMP, change_speed(5.0), trigger_camera_every(25.0), delay(2.0), return_to_launch(),
         land(33.2, -98.1, frame=Frame.ABOVE_HOME),
         MissionItem(Command.DO_DIGICAM_CONTROL, Frame.COMMAND, lat_deg=1.0),
         MissionItem(Command.DO_GIMBAL_MANAGER_PITCHYAW, Frame.COMMAND, (-45.0, 10.0, 0.0, 0.0), 12.0, 0.0, 1.0),
@@ -154,7 +157,7 @@ def test_all_commands_come_back_as_they_were_meant(autopilot: Autopilot) -> None
 
 
 def test_jumps_name_items_as_each_autopilot_counts_them() -> None:
-    mission = Mission(HOME, (PLACE, PLACE, JUMP))
+    mission = Mission(HOME, (POSITION, POSITION, JUMP))
     assert wire_items(mission, ARDUPILOT)[3].params[0] == 2.0
     assert wire_items(mission, PX4)[2].params[0] == 1.0
     for autopilot in (ARDUPILOT, PX4):
@@ -170,7 +173,7 @@ def test_jumps_name_items_as_each_autopilot_counts_them() -> None:
 
 @BOTH
 def test_stored_precision(autopilot: Autopilot) -> None:
-    item = replace(PLACE, alt_m=60.259, params=(5.9, 2.0, 3.0, 4.0), autocontinue=False)
+    item = replace(POSITION, alt_m=60.259, params=(5.9, 2.0, 3.0, 4.0), autocontinue=False)
     stored = stored_item(item, autopilot)
     if autopilot is ARDUPILOT:
         assert (stored.params, stored.alt_m, stored.autocontinue) == ((5.0, 0.0, 0.0, 0.0), float32(60.25), True)
@@ -181,7 +184,7 @@ def test_stored_precision(autopilot: Autopilot) -> None:
 
 def test_frames_come_back_changed_on_ardupilot_and_as_they_were_on_px4() -> None:
     for frame in (Frame.AMSL, Frame.ABOVE_HOME, Frame.ABOVE_TERRAIN):
-        assert stored_item(replace(PLACE, frame=frame), ARDUPILOT).frame is frame
+        assert stored_item(replace(POSITION, frame=frame), ARDUPILOT).frame is frame
     assert stored_item(return_to_launch(), ARDUPILOT).frame is Frame.AMSL
     assert stored_item(return_to_launch(), PX4).frame is Frame.COMMAND
     assert [Frame.from_mav_frame(number).wire for number in (0, 5, 3, 6)] == [5, 5, 6, 6]
@@ -189,7 +192,7 @@ def test_frames_come_back_changed_on_ardupilot_and_as_they_were_on_px4() -> None
 
 @pytest.mark.parametrize("command", [16, 21, 22])
 def test_nan_is_taken_by_ardupilot_only_as_parameter_4_of_waypoint_land_and_takeoff(command: int) -> None:
-    item = replace(PLACE, command=command, params=(0.0, 0.0, 0.0, math.nan))
+    item = replace(POSITION, command=command, params=(0.0, 0.0, 0.0, math.nan))
     assert problems(item, ARDUPILOT) == problems(item, PX4) == ""
     assert "param1: ArduPilot does not accept NaN" in problems(
         replace(item, params=(math.nan, 0.0, 0.0, 0.0)), ARDUPILOT
@@ -199,14 +202,14 @@ def test_nan_is_taken_by_ardupilot_only_as_parameter_4_of_waypoint_land_and_take
 
 
 def test_the_item_limit_is_the_vehicles_when_it_tells_one() -> None:
-    many = [PLACE] * 700
+    many = [POSITION] * 700
     assert "700 items exceed the ArduPilot limit of 650" in str(check_for_autopilot(many, ARDUPILOT)[0])
     assert check_for_autopilot(many, ARDUPILOT, item_limit=718) == ()
     assert "700 items exceed the PX4 limit of 500" in str(check_for_autopilot(many, PX4, item_limit=500)[0])
 
 
 def test_a_hold_of_minus_5_seconds_would_come_back_as_65531() -> None:
-    item = replace(PLACE, params=(-5.0, 0.0, 0.0, 0.0))
+    item = replace(POSITION, params=(-5.0, 0.0, 0.0, 0.0))
     assert stored_item(item, ARDUPILOT).params[0] == 65531.0
     assert "-5 would become 65531" in problems(item, ARDUPILOT)
     assert "but must not be negative" in problems(item, PX4)
@@ -218,11 +221,11 @@ def test_a_hold_of_minus_5_seconds_would_come_back_as_65531() -> None:
 def test_accepted_is_not_validation_so_it_is_checked_here(
     change: dict[str, float], field: str, autopilot: Autopilot
 ) -> None:
-    assert f"item 1, {field}" in problems(replace(PLACE, **change), autopilot)  # type: ignore[arg-type]
+    assert f"item 1, {field}" in problems(replace(POSITION, **change), autopilot)  # type: ignore[arg-type]
 
 
 def test_altitudes_are_truncated_to_centimetres_and_those_of_rally_points_to_metres() -> None:
-    assert stored_item(replace(PLACE, alt_m=-60.259), ARDUPILOT).alt_m == float32(-60.25)
+    assert stored_item(replace(POSITION, alt_m=-60.259), ARDUPILOT).alt_m == float32(-60.25)
     rally = MissionItem(Command.NAV_RALLY_POINT, Frame.ABOVE_HOME, lat_deg=33.2, lon_deg=-98.1, alt_m=50.9)
     stored = stored_item(rally, ARDUPILOT)
     assert (stored.alt_m, stored.autocontinue) == (50.0, False)
@@ -233,14 +236,14 @@ def test_altitudes_are_truncated_to_centimetres_and_those_of_rally_points_to_met
 
 
 def test_planes_keep_the_radii_of_a_waypoint_and_never_hold() -> None:
-    item = replace(PLACE, params=(0.0, 20.7, -3.0, 0.0))
+    item = replace(POSITION, params=(0.0, 20.7, -3.0, 0.0))
     assert stored_item(item, ARDUPILOT_PLANE).params == (0.0, 20.0, 255.0, 0.0)
     assert "-3 would become 255" in problems(item, ARDUPILOT_PLANE)
-    hold = replace(PLACE, params=(5.0, 0.0, 0.0, 0.0))
+    hold = replace(POSITION, params=(5.0, 0.0, 0.0, 0.0))
     assert "5 would become 0: ArduPilot planes do not hold at a waypoint; use a loiter" in problems(
         hold, ARDUPILOT_PLANE
     )
-    (difference,) = compare_items([PLACE, hold], [PLACE, stored_item(hold, ARDUPILOT_PLANE)], ARDUPILOT_PLANE)
+    (difference,) = compare_items([POSITION, hold], [POSITION, stored_item(hold, ARDUPILOT_PLANE)], ARDUPILOT_PLANE)
     assert not difference.acceptable
     assert problems(hold, ARDUPILOT_ROVER) == ""
 
@@ -348,7 +351,7 @@ def test_a_good_fence_and_good_rally_points_raise_nothing() -> None:
     assert check_for_autopilot(items_from_fence(FENCE), ARDUPILOT, MissionType.FENCE) == ()
     rally = [MissionItem(Command.NAV_RALLY_POINT, Frame.ABOVE_HOME, lat_deg=33.2, lon_deg=-98.1, alt_m=50.0)]
     assert check_for_autopilot(rally, ARDUPILOT, MissionType.RALLY) == ()
-    assert "is not a rally point" in str(check_for_autopilot([PLACE], ARDUPILOT, MissionType.RALLY)[0])
+    assert "is not a rally point" in str(check_for_autopilot([POSITION], ARDUPILOT, MissionType.RALLY)[0])
 
 
 @BOTH
@@ -373,7 +376,9 @@ def test_the_published_sample_row_with_longitude_first_is_refused_or_doubted() -
 
 
 def test_what_every_reader_of_waypoints_accepts_is_what_is_written() -> None:
-    text = wpl.write_mission(Mission(HOME, (replace(PLACE, frame=Frame.ABOVE_TERRAIN), change_speed(1e-5), PLACE)))
+    text = wpl.write_mission(
+        Mission(HOME, (replace(POSITION, frame=Frame.ABOVE_TERRAIN), change_speed(1e-5), POSITION))
+    )
     header, home, *rows = text.split("\n")
     assert header == "QGC WPL 110"
     assert home.split("\t")[:4] == ["0", "1", "0", "16"]
@@ -410,11 +415,13 @@ def test_a_polygon_that_is_none_is_left_to_the_items_to_say() -> None:
 
 def test_an_altitude_one_centimetre_off_is_arithmetic_and_two_are_a_fault() -> None:
     for off_m, acceptable in ((0.0099, True), (0.02, False)):
-        (difference,) = compare_items([PLACE] * 2, [PLACE, replace(PLACE, alt_m=PLACE.alt_m - off_m)], ARDUPILOT)
+        (difference,) = compare_items(
+            [POSITION] * 2, [POSITION, replace(POSITION, alt_m=POSITION.alt_m - off_m)], ARDUPILOT
+        )
         assert difference.acceptable is acceptable
 
 
 def test_a_frame_that_changes_the_meaning_of_a_height_is_a_fault() -> None:
-    (difference,) = compare_items([PLACE] * 2, [PLACE, replace(PLACE, frame=Frame.AMSL)], PX4)
+    (difference,) = compare_items([POSITION] * 2, [POSITION, replace(POSITION, frame=Frame.AMSL)], PX4)
     assert (difference.field, difference.acceptable) == ("frame", False)
     assert difference.why == "the height would refer to a different datum"

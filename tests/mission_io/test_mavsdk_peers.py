@@ -141,9 +141,12 @@ def test_our_client_uploads_to_its_vehicle_and_reads_back(their_vehicle: tuple[T
 
 def test_our_client_cancels_an_upload_to_its_vehicle(their_vehicle: tuple[TheirVehicle, Client]) -> None:
     _, client = their_vehicle
-    seen: list[int] = []
+    observed: list[int] = []
     with pytest.raises(TransferCancelledError):
         client.upload(
-            MissionType.MISSION, items(200), progress=lambda done, _: seen.append(done), stop=lambda: seen[-1:] >= [20]
+            MissionType.MISSION,
+            items(200),
+            progress=lambda done, _: observed.append(done),
+            stop=lambda: observed[-1:] >= [20],
         )
-    assert 20 <= seen[-1] < 200
+    assert 20 <= observed[-1] < 200

@@ -73,10 +73,10 @@ def test_a_mission_is_flown_paused_gone_on_and_jumped(autopilot: Autopilot) -> N
     assert report.seq == first + 3 == vehicle.current_seq
     with pytest.raises(CommandRefusedError, match=r"DO_SET_MISSION_CURRENT \(224\) for item 77 with"):
         client.set_current(77)
-    told: list[ItemProgress] = []
-    last = wait_for_mission(client, progress=told.append)
+    reported: list[ItemProgress] = []
+    last = wait_for_mission(client, progress=reported.append)
     assert last.complete
-    assert last == told[-1]
+    assert last == reported[-1]
     assert vehicle.body.on_ground
 
 
@@ -102,7 +102,7 @@ class Reports(VehiclePeer):
             case m.MissionSetCurrent(seq=seq) if self.older_works:
                 self.seq = seq
 
-    def told(self, kind: type[m.Message]) -> int:
+    def reported(self, kind: type[m.Message]) -> int:
         return sum(
             isinstance(r.message, kind) and getattr(r.message, "command", 224) == Command.DO_SET_MISSION_CURRENT
             for r in self.heard
@@ -118,7 +118,7 @@ def test_the_command_or_the_older_message(answer: CommandResult | None, loss: fl
     assert client.set_current(5, timeout_s=30.0).seq == 5
     if loss == 0.0:
         tries = {CommandResult.ACCEPTED: (1, 0), CommandResult.UNSUPPORTED: (1, 1), None: (4, 1)}[answer]
-        assert (peer.told(m.CommandLong), peer.told(m.MissionSetCurrent)) == tries
+        assert (peer.reported(m.CommandLong), peer.reported(m.MissionSetCurrent)) == tries
 
 
 def test_a_command_at_the_wanted_place_is_carried_out_and_the_next_waypoint_counts() -> None:
@@ -186,8 +186,8 @@ def test_following_asks_who_does_not_tell_and_ends_when_the_heartbeat_does() -> 
 
     with pytest.raises(VehicleSilentError, match="did not send a heartbeat for 5 s"):
         list(connected(Quiet()).follow_mission(silent_s=5.0))
-    seen = [one.current for one in connected(Quiet()).follow_mission(until=lambda one: one.current == 4)]
-    assert seen == [0, 1, 2, 3, 4]
+    observed = [one.current for one in connected(Quiet()).follow_mission(until=lambda one: one.current == 4)]
+    assert observed == [0, 1, 2, 3, 4]
     assert ItemProgress().after(m.MissionCurrent(3, 9, MissionState.COMPLETE)).complete
 
 
@@ -195,16 +195,16 @@ def test_under_asyncio() -> None:
     async def session() -> None:
         client, vehicle = mock_client(PX4)
         take_off(client, PX4)
-        told: list[ItemProgress] = []
+        reported: list[ItemProgress] = []
         async with AsyncClient(client) as ground:
             await ground.start_mission()
             await ground.pause_mission()
             await ground.resume_mission()
             assert (await ground.set_current(3)).seq == 3
-            last = await ground.follow_mission(told.append)
+            last = await ground.follow_mission(reported.append)
             assert last.complete
             await asyncio.sleep(0)
-            assert told[-1] == last
+            assert reported[-1] == last
         assert len(vehicle.missions.items(MissionType.MISSION)) == 5
 
     asyncio.run(session())

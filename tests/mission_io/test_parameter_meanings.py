@@ -6,7 +6,7 @@ import re
 import pytest
 from pymavlink.dialects.v20 import common as dialect
 
-from mission_io.autopilots.comparison import Meaning, _meanings, has_no_place, meaning_of, number_for_nan
+from mission_io.autopilots.comparison import Meaning, _meanings, has_no_position, meaning_of, number_for_nan
 from mission_io.errors import FormatError
 from mission_io.formats import plan, wpl
 from mission_io.model.items import Fence, Frame, Mission, MissionItem, RallyPoints
@@ -14,7 +14,7 @@ from tests.mission_io.formats.samples import HOME
 
 NAN = math.nan
 OF_NO_USE = re.compile(r"(empty|reserved|unused|not used|$)", re.IGNORECASE)
-A_PLACE_THAT_MAY_BE_LEFT_OUT = {(189, 5), (189, 6), (189, 7)}
+A_POSITION_THAT_MAY_BE_LEFT_OUT = {(189, 5), (189, 6), (189, 7)}
 DESCRIBED = [(command, number) for command, letters in _meanings().items() for number in range(1, len(letters) + 1)]
 
 
@@ -24,27 +24,29 @@ def description(command: int, number: int) -> str:
 
 def test_what_is_of_no_use_is_so_to_mavlink() -> None:
     wrong = [
-        place
-        for place in DESCRIBED
-        if meaning_of(*place) is Meaning.RESERVED
-        and not OF_NO_USE.match(description(*place))
-        and place not in A_PLACE_THAT_MAY_BE_LEFT_OUT
+        position
+        for position in DESCRIBED
+        if meaning_of(*position) is Meaning.RESERVED
+        and not OF_NO_USE.match(description(*position))
+        and position not in A_POSITION_THAT_MAY_BE_LEFT_OUT
     ]
     assert wrong == []
 
 
 def test_headings_are_those_of_which_mavlink_says_so() -> None:
-    headings = {place for place in DESCRIBED if "current system yaw heading mode" in description(*place)}
+    headings = {position for position in DESCRIBED if "current system yaw heading mode" in description(*position)}
     where_a_circle_is_left = {(18, 4), (19, 4)}
-    assert headings - where_a_circle_is_left == {place for place in DESCRIBED if meaning_of(*place) is Meaning.HEADING}
+    assert headings - where_a_circle_is_left == {
+        position for position in DESCRIBED if meaning_of(*position) is Meaning.HEADING
+    }
 
 
 def test_commands_without_a_place_have_none_in_mavlink() -> None:
     for command in _meanings():
-        if has_no_place(command) and command != 189:
+        if has_no_position(command) and command != 189:
             assert all(OF_NO_USE.match(description(command, number)) for number in (5, 6, 7)), command
-    assert not has_no_place(16)
-    assert not has_no_place(31010)
+    assert not has_no_position(16)
+    assert not has_no_position(31010)
 
 
 @pytest.mark.parametrize(

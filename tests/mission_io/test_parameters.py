@@ -57,14 +57,14 @@ class HasParameters(VehiclePeer):
 def test_all_parameters_come_whatever_gets_lost(autopilot: Autopilot, loss: float) -> None:
     peer = HasParameters(autopilot)
     client = connected(peer, conditions=Conditions(loss=loss))
-    told: list[tuple[int, int]] = []
-    found = VehicleParameters(client).all(progress=lambda done, total: told.append((done, total)))
+    reported: list[tuple[int, int]] = []
+    found = VehicleParameters(client).all(progress=lambda done, total: reported.append((done, total)))
     assert list(found) == NAMES
     assert {name: one.value for name, one in found.items()} == peer.values
     assert all(isinstance(found[name].value, int) for name in NAMES[1::2])
-    assert told[-1] == (300, 300)
-    asked = sum(isinstance(r.message, m.ParamRequestRead) for r in peer.heard)
-    assert asked <= 300 * loss * 4
+    assert reported[-1] == (300, 300)
+    requested = sum(isinstance(r.message, m.ParamRequestRead) for r in peer.heard)
+    assert requested <= 300 * loss * 4
 
 
 def test_a_group_is_what_begins_so() -> None:

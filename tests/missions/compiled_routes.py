@@ -38,7 +38,7 @@ def enu_of(items: list[MissionItem]) -> np.ndarray:
     north = np.array([-math.sin(lat) * math.cos(lon), -math.sin(lat) * math.sin(lon), math.cos(lat)])
     up = np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
     origin = np.array(to_earth.transform(ORIGIN.lon_deg, ORIGIN.lat_deg, ORIGIN.alt_amsl_m))
-    return np.array([np.stack([east, north, up]) @ (np.array(place) - origin) for place in (
+    return np.array([np.stack([east, north, up]) @ (np.array(position) - origin) for position in (
         to_earth.transform(item.lon_deg, item.lat_deg, item.alt_m) for item in items
     )])  # fmt: skip
 

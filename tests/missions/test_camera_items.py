@@ -59,13 +59,13 @@ def test_a_picture_is_taken_at_every_waypoint_that_the_sensor_looks_from(sensor,
     items, first = result.mission.items, result.first_waypoint_item
     assert (result.waypoint_count, result.items_per_waypoint) == (3, 2)
     for number in range(3):
-        planned, picture = items[first + 2 * number : first + 2 * number + 2]
+        planned, photo = items[first + 2 * number : first + 2 * number + 2]
         assert planned.command == Command.NAV_WAYPOINT
         px4 = StartPictures(count=1, first_number=number + 1)
-        assert action_of(picture) == (px4 if autopilot == "px4" else TakePicture())
+        assert action_of(photo) == (px4 if autopilot == "px4" else TakePicture())
     # Nowhere else: the way there, the way home and the landing follow without one.
-    pictures = {Command.DO_DIGICAM_CONTROL, Command.IMAGE_START_CAPTURE, Command.DO_SET_CAM_TRIGG_DIST}
-    assert sum(item.command in pictures for item in items) == 3
+    photos = {Command.DO_DIGICAM_CONTROL, Command.IMAGE_START_CAPTURE, Command.DO_SET_CAM_TRIGG_DIST}
+    assert sum(item.command in photos for item in items) == 3
     assert items[first + 6].command == Command.NAV_WAYPOINT
     plan = FlightPlan(
         mission=result.mission, first_waypoint_item=first, waypoint_count=3, items_per_waypoint=2, home=result.mission.home,

@@ -19,10 +19,13 @@ from uavcover.missions.failsafes import (
 HOME_M = np.array([0.0, 0.0, 400.0])
 
 
-def states(*places, velocity=(0.0, 0.0), leg=1):
-    n = len(places)
+def states(*positions, velocity=(0.0, 0.0), leg=1):
+    n = len(positions)
     return FlightStates(
-        np.array(places, float), np.tile(velocity, (n, 1)), np.arange(n, dtype=float), np.full(n, leg, dtype=np.int64)
+        np.array(positions, float),
+        np.tile(velocity, (n, 1)),
+        np.arange(n, dtype=float),
+        np.full(n, leg, dtype=np.int64),
     )
 
 
@@ -35,10 +38,10 @@ def flat(east_north_m):
     return np.full(len(east_north_m), 400.0)
 
 
-def path(autopilot, parameters, place, *rally, ground=flat, velocity=(0.0, 0.0), **kwargs):
+def path(autopilot, parameters, position, *rally, ground=flat, velocity=(0.0, 0.0), **kwargs):
     """(j, 3) heights above home of the commanded return."""
     settings = failsafe_settings(autopilot, parameters)
-    paths = direct_return(settings, states(place, velocity=velocity), to(*rally, **kwargs), ground)
+    paths = direct_return(settings, states(position, velocity=velocity), to(*rally, **kwargs), ground)
     return paths.path_m(0) - [0.0, 0.0, 400.0], int(paths.destinations[0])
 
 
@@ -200,8 +203,8 @@ def test_px4_holds_before_a_failsafe_and_brakes_there():
 
 def test_px4_flies_to_the_missions_landing_when_its_type_says_so():
     settings = failsafe_settings("px4", {"RTL_TYPE": 3.0, "RTL_RETURN_ALT": 60.0})
-    places = to(landing=2)
-    first = predict(settings, states((300.0, 0.0, 430.0)), places, flat)[0]
+    positions = to(landing=2)
+    first = predict(settings, states((300.0, 0.0, 430.0)), positions, flat)[0]
     assert first.path_m(0).tolist() == [[300, 0, 430], [300, 0, 460], [0, 0, 460], [0, 0, 400]]  # as to home
 
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from tests.naive.fleet import best_cuts, best_one_at_a_time, best_unlike_cuts, makespan
-from uavcover.kernels.way_cost import FlightCosts, flight_s
-from uavcover.missions.fleet_cuts import fleet_cuts, share_out, share_out_unlike, unlike_cuts
+from uavcover.kernels.path_cost import FlightCosts, flight_s
+from uavcover.missions.fleet_cuts import allocate, allocate_unlike, fleet_cuts, unlike_cuts
 
 
 def random_costs(rng: np.random.Generator, waypoints: int, shared: int) -> FlightCosts:
     legs_s, turns_s = rng.uniform(5.0, 60.0, waypoints - 1), rng.uniform(-3.0, 0.0, waypoints)
-    ways_s = rng.uniform(10.0, 80.0, waypoints)
-    there_s, back_s = ways_s + rng.uniform(0.0, 3.0, waypoints), ways_s + rng.uniform(0.0, 3.0, waypoints)
+    paths_s = rng.uniform(10.0, 80.0, waypoints)
+    there_s, back_s = paths_s + rng.uniform(0.0, 3.0, waypoints), paths_s + rng.uniform(0.0, 3.0, waypoints)
     whole_s = there_s[0] + legs_s.sum() + back_s[-1]
     return FlightCosts(
         so_far_s=np.concatenate([[0.0], np.cumsum(legs_s)]),
@@ -68,7 +68,7 @@ def test_flights_are_shared_out_as_well_as_can_be(vehicles: int) -> None:
     for _ in range(40):
         durations = rng.uniform(10.0, 100.0, int(rng.integers(1, 8))).tolist()
         turnaround_s, spacing_s = float(rng.choice([0.0, 30.0])), float(rng.choice([0.0, 25.0]))
-        shared = share_out(durations, vehicles, turnaround_s, spacing_s=spacing_s, nodes=20_000)
+        shared = allocate(durations, vehicles, turnaround_s, spacing_s=spacing_s, nodes=20_000)
         ends = []
         for vehicle in set(shared.vehicle_of):
             own = [d + turnaround_s for d, its in zip(durations, shared.vehicle_of, strict=True) if its == vehicle]
@@ -80,7 +80,7 @@ def test_flights_are_shared_out_as_well_as_can_be(vehicles: int) -> None:
 
 def test_hundreds_of_flights_are_shared_out_evenly() -> None:
     durations = np.random.default_rng(1).uniform(10.0, 20.0, 1500).tolist()
-    assert share_out(durations, 4, 0.0).makespan_s == pytest.approx(sum(durations) / 4.0, rel=0.01)
+    assert allocate(durations, 4, 0.0).makespan_s == pytest.approx(sum(durations) / 4.0, rel=0.01)
 
 
 def test_no_cut_is_no_answer() -> None:
@@ -169,7 +169,7 @@ def test_the_cuts_of_flights_that_follow_each_other_are_the_best_there_are() -> 
 def test_flights_are_shared_out(
     times_s: list[list[float]], ready_s: list[float], wanted: tuple[float, tuple[int, ...]]
 ) -> None:
-    shared = share_out_unlike(times_s, turnaround_s=5.0, ready_s=ready_s)
+    shared = allocate_unlike(times_s, turnaround_s=5.0, ready_s=ready_s)
     assert (shared.makespan_s if shared.makespan_s < 1e8 else math.inf, shared.vehicle_of) == wanted
 
 
@@ -180,6 +180,6 @@ def test_two_that_reach_one_end_each() -> None:
     near, far = np.full(6, 40.0), np.full(6, 500.0)
     west = np.concatenate([near[:3], far[3:]])
     east = west[::-1].copy()
-    costs = [base._replace(there_s=ways, back_s=ways, alone_s=2.0 * ways) for ways in (west, east)]
+    costs = [base._replace(there_s=paths, back_s=paths, alone_s=2.0 * paths) for paths in (west, east)]
     flights = unlike_cuts(costs, turnaround_s=10.0, ready_s=[0.0, 0.0])
     assert flights == [(0, 2, 0), (3, 5, 1)]

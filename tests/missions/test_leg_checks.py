@@ -269,8 +269,8 @@ def apex_m(site: Site) -> np.ndarray:
         "cruise_speed_m_s": vehicle.cruise_speed_m_s, "max_climb_m_s": vehicle.max_climb_m_s,
         "max_descent_m_s": vehicle.max_descent_m_s,
     })  # fmt: skip
-    (places,), _ = passed_corners(AROUND, pace, steps=200)
-    return np.asarray(places)[100]
+    (positions,), _ = passed_corners(AROUND, pace, steps=200)
+    return np.asarray(positions)[100]
 
 
 def only_corner(site: Site) -> LegProblem:
@@ -401,8 +401,8 @@ def test_ends_are_left_out_where_a_route_is_cut() -> None:
 def test_as_by_small_steps_of_time_and_shapely(seed: int) -> None:
     """A slow twin: the worst place of each inner corner among masts, the ground flat."""
     rng = np.random.default_rng(seed)
-    places = rng.uniform((0.0, 0.0), (300.0, 200.0), (12, 2))
-    masts = tuple(tower(e - 1.0, n - 1.0, e + 1.0, n + 1.0, 300.0, name=f"{k}") for k, (e, n) in enumerate(places))
+    positions = rng.uniform((0.0, 0.0), (300.0, 200.0), (12, 2))
+    masts = tuple(tower(e - 1.0, n - 1.0, e + 1.0, n + 1.0, 300.0, name=f"{k}") for k, (e, n) in enumerate(positions))
     site = make_site(obstacles=Obstacles(prisms=masts))
     route = np.column_stack([rng.uniform((0.0, 0.0), (300.0, 200.0), (9, 2)), rng.uniform(60.0, 100.0, 9)])
     vehicle = site.scenario.vehicle
@@ -411,7 +411,7 @@ def test_as_by_small_steps_of_time_and_shapely(seed: int) -> None:
         "max_descent_m_s": vehicle.max_descent_m_s,
     })  # fmt: skip
     corners, _ = passed_corners(route, pace, steps=400)
-    squares = [shapely.box(e - 1.0, n - 1.0, e + 1.0, n + 1.0) for e, n in places]
+    squares = [shapely.box(e - 1.0, n - 1.0, e + 1.0, n + 1.0) for e, n in positions]
     found = corner_excess_m(site, route)[1:-1]
     for corner, excess_m in zip(corners, found, strict=True):
         lacking = max(10.0 - square.distance(shapely.LineString(np.array(corner)[:, :2])) for square in squares)

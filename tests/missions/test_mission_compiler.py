@@ -36,16 +36,16 @@ def test_the_items_in_their_order() -> None:
     assert {item.frame for item in items if item.has_position} == {Frame.ABOVE_HOME}
     assert found.waypoint_count == len(planned)
     # Against pyproj, not against our own frame: places and heights above home, which are in whole millimetres.
-    places = enu_of(amsl(found))
+    positions = enu_of(amsl(found))
     near = np.array([1e-4, 1e-4, 1.1e-3])
     heights_m = [item.alt_m for item in items] + [found.mission.home.alt_amsl_m if found.mission.home else 0.0]
     assert [round(height_m, 3) for height_m in heights_m] == heights_m
     rows = slice(found.first_waypoint_item, found.first_waypoint_item + found.waypoint_count)
-    assert (abs(places[rows] - planned.waypoints_m) <= near).all()
+    assert (abs(positions[rows] - planned.waypoints_m) <= near).all()
     with_position = [0, *range(2, len(items) - 1)]
-    assert (abs(places[with_position] - found.path_m) <= near).all()
+    assert (abs(positions[with_position] - found.path_m) <= near).all()
     assert site.home_m is not None
-    assert (abs(places[-1] - site.home_m) <= near).all()
+    assert (abs(positions[-1] - site.home_m) <= near).all()
     assert np.hypot(*(found.path_m[[0, -1], :2] - HOME).T) == pytest.approx(0.0, abs=1e-9)
     highest_m = max(i.alt_m for i in items if i.has_position)
     assert found.max_height_above_home_m == pytest.approx(highest_m, abs=6e-4)
@@ -63,10 +63,10 @@ def test_every_leg_of_the_whole_path_is_clear_at_full_length(ups, margin_m: floa
     there, back = found.path_m[: first + 1], found.path_m[first + count - 1 :]
     planned = found.path_m[first : first + count]
     assert find_problems(site, planned, lowest_agl_m=40.0, highest_agl_m=120.0) == []
-    for way in (there, back):
-        problems = find_problems(site, way, lowest_agl_m=20.0 + margin_m, highest_agl_m=None)
+    for path in (there, back):
+        problems = find_problems(site, path, lowest_agl_m=20.0 + margin_m, highest_agl_m=None)
         assert [p for p in problems if p.kind != "climb"] == []
-        assert all(np.hypot(*(way[p.leg] - way[p.leg - 1])[:2]) < 0.1 for p in problems)  # columns only
+        assert all(np.hypot(*(path[p.leg] - path[p.leg - 1])[:2]) < 0.1 for p in problems)  # columns only
 
 
 def test_a_hill_between_home_and_area_lifts_the_transit() -> None:
@@ -91,11 +91,11 @@ def test_over_a_gorge_the_ways_there_and_home_go_low_and_climb_to_the_route_wher
     site = make_site(gorge)
     found = compiled(site, route((20, 50, 110), (80, 50, 110)))
     assert found.path_m[:, 2].max() == pytest.approx(110.0)
-    way = found.path_m[: len(found.path_m) - 2]
-    lowest, highest = way[way[:, 0] < 10.0][:, 2].min(), way[way[:, 0] < 10.0][:, 2].max()
+    path = found.path_m[: len(found.path_m) - 2]
+    lowest, highest = path[path[:, 0] < 10.0][:, 2].min(), path[path[:, 0] < 10.0][:, 2].max()
     assert 20.0 <= lowest <= highest <= 50.0  # 150 m above the bottom of the gorge are allowed
-    flat_way = compiled(make_site(flat), route((20, 50, 110), (80, 50, 110)))
-    assert len(flat_way.path_m) < len(found.path_m)
+    flat_path = compiled(make_site(flat), route((20, 50, 110), (80, 50, 110)))
+    assert len(flat_path.path_m) < len(found.path_m)
 
 
 def test_the_column_above_home_reaches_the_clearance() -> None:

@@ -46,7 +46,7 @@ def random_flight(rng: np.random.Generator) -> Timeline:
 
 def naive_distance_m(a: Timeline, b: Timeline, start_s: float, fleet: Fleet, step_s: float = 0.5) -> float:
     return least_distance(
-        a.time_s, a.place_m, b.time_s, b.place_m, start_s,
+        a.time_s, a.position_m, b.time_s, b.position_m, start_s,
         fraction=fleet.timing_error_fraction, start_error_s=fleet.start_error_s, step_s=step_s,
     )  # fmt: skip
 
@@ -87,10 +87,10 @@ def test_distances_of_pieces() -> None:
     ends[1][:5] = ends[0][:5]  # points
     ends[3][3:8] = ends[2][3:8]
     ends[3][8:12] = ends[2][8:12] + (ends[1] - ends[0])[8:12]  # parallel
-    share = np.linspace(0.0, 1.0, 201)[:, None]
+    fraction = np.linspace(0.0, 1.0, 201)[:, None]
     found = segment_distances_m(*ends)
     for k in range(60):
-        p, q = (ends[i][k] + share * (ends[i + 1][k] - ends[i][k]) for i in (0, 2))
+        p, q = (ends[i][k] + fraction * (ends[i + 1][k] - ends[i][k]) for i in (0, 2))
         dense = np.linalg.norm(p[:, None] - q[None], axis=2).min()
         assert dense - 0.06 <= found[k] <= dense + 1e-9
 
@@ -105,8 +105,10 @@ def test_the_times_along_a_mission_end_with_its_flight_time(
         timeline = timeline_of(site, sortie, autopilot=autopilot)
         assert timeline.duration_s == pytest.approx(sortie.compiled.flight_time_s, rel=1e-9)
         assert (np.diff(timeline.time_s) >= 0.0).all()
-        assert (timeline.place_m[[0, -1]] == site.home_m).all()
-        speeds = np.linalg.norm(np.diff(timeline.place_m, axis=0), axis=1) / np.maximum(np.diff(timeline.time_s), 1e-9)
+        assert (timeline.position_m[[0, -1]] == site.home_m).all()
+        speeds = np.linalg.norm(np.diff(timeline.position_m, axis=0), axis=1) / np.maximum(
+            np.diff(timeline.time_s), 1e-9
+        )
         assert speeds.max() < 15.0
 
 
@@ -129,7 +131,7 @@ def test_planned_flights_stay_apart_whoever_is_late(vehicles: int) -> None:
             assert apart_m >= fleet.separation_m - 1e-6
             # And nobody flies over a vehicle that stands at home before its take-off or after its landing.
             for standing, other, since_s in ((i, j, b.start_s - a.start_s), (j, i, a.start_s - b.start_s)):
-                home, landed_s = timelines[standing].place_m[:1], timelines[standing].duration_s
+                home, landed_s = timelines[standing].position_m[:1], timelines[standing].duration_s
                 for moment in (np.array([-20.0, 0.0]), np.array([landed_s, landed_s + 20.0])):
                     pad = Timeline(moment, np.vstack([home, home]))
                     assert naive_distance_m(pad, timelines[other], since_s, fleet, step_s=1.0) >= 12.0 - 1e-6

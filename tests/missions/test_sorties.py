@@ -18,7 +18,7 @@ from uavcover.missions.flights import compile_flights, compile_sorties
 from uavcover.missions.leg_checks import find_problems
 from uavcover.missions.mission_compiler import Sortie, compile_mission
 from uavcover.missions.objectives import judge, mission_cost
-from uavcover.missions.way_cost import check_reach
+from uavcover.missions.path_cost import check_reach
 from uavcover.model.limits import NoFly
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.sensor import SphereSensor
@@ -40,8 +40,8 @@ def there_and_back(site: Site, lines: int = 4, spacing_m: float = 100.0) -> Rout
     """Lines over the area, a waypoint every so many metres, 70 m above ground."""
     east = np.arange(0.0, 301.0, spacing_m)
     rows = [np.column_stack([east[:: (-1) ** k], np.full(len(east), 200.0 * k / (lines - 1))]) for k in range(lines)]
-    places = np.vstack(rows)
-    return Route(np.column_stack([places, site.ground.heights_m(places) + 70.0]))
+    positions = np.vstack(rows)
+    return Route(np.column_stack([positions, site.ground.heights_m(positions) + 70.0]))
 
 
 def flight_time_s(site: Site, points: np.ndarray) -> float:
@@ -94,12 +94,12 @@ def round_a_bay(rng: np.random.Generator) -> tuple[tuple[tuple[float, float], ..
     east = west + rng.uniform(8.0, 40.0)
     fence = shapely.box(-200.0, -150.0, 450.0, 350.0).difference(shapely.box(west, -151.0, east, top))
     near = [(rng.uniform(-180.0, west - 25.0), rng.uniform(-120.0, 300.0)) for _ in range(4)]
-    places = [*near[:2], (west - 25.0, top + 30.0), (east + 25.0, top + 30.0)]
-    while len(places) < 6:
-        place = (rng.uniform(east + 15.0, 430.0), rng.uniform(-130.0, top + 60.0))
-        if fence.buffer(-8.0).covers(shapely.LineString([places[-1], place])):
-            places.append(place)
-    there_and_back = np.vstack([places, (east + 25.0, top + 40.0), (west - 25.0, top + 40.0), *near[2:]])
+    positions = [*near[:2], (west - 25.0, top + 30.0), (east + 25.0, top + 30.0)]
+    while len(positions) < 6:
+        position = (rng.uniform(east + 15.0, 430.0), rng.uniform(-130.0, top + 60.0))
+        if fence.buffer(-8.0).covers(shapely.LineString([positions[-1], position])):
+            positions.append(position)
+    there_and_back = np.vstack([positions, (east + 25.0, top + 40.0), (west - 25.0, top + 40.0), *near[2:]])
     another = fence.difference(
         shapely.box(*rng.uniform([150.0, 0.0], [350.0, 200.0]), rng.uniform(360.0, 430.0), 351.0)
     )
@@ -129,8 +129,8 @@ def test_among_the_bays_of_a_fence_the_cheapest_split_is_found(seed: int) -> Non
     rng = np.random.default_rng(seed)
     shared = int(rng.integers(0, 2))
     extra: dict[str, Any] = {} if shared else {"sensor": SPHERE}
-    fence, places = round_a_bay(rng)
-    route = Route(np.column_stack([places, np.full(len(places), 70.0)]))
+    fence, positions = round_a_bay(rng)
+    route = Route(np.column_stack([positions, np.full(len(positions), 70.0)]))
     wide = ((-300.0, -300.0), (600.0, -300.0), (600.0, 500.0), (-300.0, 500.0))
     whole_s = flight_time_s(make_site(flat, fence=wide, **extra), route.waypoints_m)
     site = make_site(flat, fence=fence, vehicle={"endurance_s": 1.25 * rng.uniform(0.7, 0.98) * whole_s}, **extra)

@@ -103,8 +103,8 @@ def test_every_sortie_keeps_out():
         assert_stays_out(site, sortie.compiled.path_m, flat)
 
 
-def geodetic(site, *place):
-    lat, lon, alt = site.frame.geodetic_from_enu(np.array([place], dtype=float))
+def geodetic(site, *position):
+    lat, lon, alt = site.frame.geodetic_from_enu(np.array([position], dtype=float))
     return {"lat_deg": float(lat[0]), "lon_deg": float(lon[0]), "alt_amsl_m": float(alt[0])}
 
 
@@ -120,14 +120,14 @@ def path_of(site, mission):
     )
 
 
-@pytest.mark.parametrize("place", [(60.0, 50.0, 80.0), (-18.0, 50.0, 60.0), (-50.0, 110.0, 40.0)])
-def test_returns_and_continued_flights_keep_out(place):
+@pytest.mark.parametrize("position", [(60.0, 50.0, 80.0), (-18.0, 50.0, 60.0), (-50.0, 110.0, 40.0)])
+def test_returns_and_continued_flights_keep_out(position):
     # The second place is in the margin of the zone, 7 m from it: a vehicle may come there, and has to be let out.
     site = make_site(no_fly=(circle(*BETWEEN, 25.0),))
-    way = path_of(site, compile_return(site, **geodetic(site, *place)))
-    assert_stays_out(site, np.vstack([place, way[:-1]]), flat, margin_share=0.0)
-    if place[0] != -18.0:
-        onward = compile_continuation(site, LEVEL, **geodetic(site, *place), flown_s=10.0, autopilot="ardupilot")
+    path = path_of(site, compile_return(site, **geodetic(site, *position)))
+    assert_stays_out(site, np.vstack([position, path[:-1]]), flat, margin_fraction=0.0)
+    if position[0] != -18.0:
+        onward = compile_continuation(site, LEVEL, **geodetic(site, *position), flown_s=10.0, autopilot="ardupilot")
         assert_stays_out(site, onward.path_m, flat)
 
 

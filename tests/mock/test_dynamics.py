@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from mission_io.wire import messages as m
 from tests.mock.bench import Bench
-from tests.sensing.flown_lines import places_when_passed
+from tests.sensing.flown_lines import positions_when_passed
 from uavcover.mock.behaviour import Speeds
-from uavcover.mock.dynamics import Airframe, Battery, BatteryData, PointMass, WindField, WindModel, power_share
+from uavcover.mock.dynamics import Airframe, Battery, BatteryData, PointMass, WindField, WindModel, power_fraction
 from uavcover.mock.guidance import Stop, along_speed, passing_speeds, velocity_along, velocity_to
 from uavcover.mock.itinerary import Itinerary, Step, StepKind
 from uavcover.model.vehicle import MOTIONS, AutopilotName, PowerModel, Vehicle
@@ -46,8 +46,8 @@ def distance_to_route(positions, route):
     nearest = np.full(len(positions), np.inf)
     for a, b in pairwise(np.asarray(route, float)):
         along = b - a
-        share = np.clip(((positions - a) @ along) / max(along @ along, 1e-12), 0.0, 1.0)
-        nearest = np.minimum(nearest, np.linalg.norm(positions - (a + share[:, None] * along), axis=1))
+        fraction = np.clip(((positions - a) @ along) / max(along @ along, 1e-12), 0.0, 1.0)
+        nearest = np.minimum(nearest, np.linalg.norm(positions - (a + fraction[:, None] * along), axis=1))
     return nearest
 
 
@@ -240,7 +240,7 @@ def test_a_full_battery_hovers_for_its_endurance():
         battery.fly(1.0, airspeed_m_s=0.0, climb_m_s=0.0)
         seconds += 1.0
     assert seconds == pytest.approx(1200.0, abs=1.0)
-    assert power_share(0.0, 0.0, POWER) == pytest.approx(1.0)
+    assert power_fraction(0.0, 0.0, POWER) == pytest.approx(1.0)
     assert battery.power_w == pytest.approx(250.0)
 
 
@@ -259,21 +259,21 @@ def test_induced_speed_solves_glauerts_equation():
     for airspeed in (0.0, 3.0, 8.0, 15.0):
         drag = POWER.rotor_drag_1_s * airspeed**2 / 9.80665
         expected = 0.03 + 0.97 * (bisected(airspeed) + drag) / 6.0
-        assert power_share(airspeed, 0.0, POWER) == pytest.approx(expected, rel=1e-9)
+        assert power_fraction(airspeed, 0.0, POWER) == pytest.approx(expected, rel=1e-9)
 
 
 def test_there_is_a_cheapest_speed_above_hovering():
-    shares = [power_share(0.5 * n, 0.0, POWER) for n in range(41)]
-    cheapest = 0.5 * shares.index(min(shares))
+    fractions = [power_fraction(0.5 * n, 0.0, POWER) for n in range(41)]
+    cheapest = 0.5 * fractions.index(min(fractions))
     assert 3.0 < cheapest < 12.0
-    assert min(shares) < 0.9
-    assert shares[-1] > 1.0
+    assert min(fractions) < 0.9
+    assert fractions[-1] > 1.0
 
 
 def test_climbing_costs_its_weight_and_descending_gives_a_part_back():
     # Climbing at 3 m/s adds m g 3 W, hovering takes m g 6 W.
-    assert power_share(0.0, 3.0, POWER) == pytest.approx(1.0 + 0.97 * 0.5)
-    assert power_share(0.0, -3.0, POWER) == pytest.approx(1.0 - 0.97 * 0.15)
+    assert power_fraction(0.0, 3.0, POWER) == pytest.approx(1.0 + 0.97 * 0.5)
+    assert power_fraction(0.0, -3.0, POWER) == pytest.approx(1.0 - 0.97 * 0.15)
 
 
 def test_a_scenarios_longest_flight_leaves_a_fifth_of_the_charge():
@@ -314,6 +314,6 @@ def test_without_electronics_nothing_is_drawn_on_the_ground():
 def test_a_waypoint_may_stand_twice(autopilot: AutopilotName) -> None:
     """It does where pictures by distance begin; the vehicle of PX4 was divided by the length of the leg between the two."""
     points = np.array([(0, 0, 60), (80, 0, 60), (80, 0, 60), (80, 40, 70), (80, 40, 70), (0, 40, 70)], dtype=float)
-    passed = places_when_passed(MOTIONS[autopilot], points, cruise_m_s=10.0, climb_m_s=4.0, descent_m_s=3.0)
+    passed = positions_when_passed(MOTIONS[autopilot], points, cruise_m_s=10.0, climb_m_s=4.0, descent_m_s=3.0)
     assert len(passed) == 5
     assert np.linalg.norm(passed - points[1:], axis=1).max() < 3.0

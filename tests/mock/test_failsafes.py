@@ -122,9 +122,9 @@ def test_an_empty_battery_lets_it_fall(autopilot):
 
 @BOTH
 def test_a_lost_ground_station_is_minded_only_when_told_to(autopilot):
-    for told in (False, True):
+    for reported in (False, True):
         bench = ready(autopilot)
-        if told:
+        if reported:
             set_parameter(bench, "FS_GCS_ENABLE" if autopilot is ARDUPILOT else "NAV_DLL_ACT", 1 + (autopilot is PX4))
         bench.take_off(go(0, 900, 20))
         for _ in range(10):
@@ -132,4 +132,4 @@ def test_a_lost_ground_station_is_minded_only_when_told_to(autopilot):
             bench.run(1.0)
         assert bench.vehicle.mode is Mode.MISSION
         bench.run(15.0)
-        assert bench.vehicle.mode is (Mode.RETURN if told else Mode.MISSION)
+        assert bench.vehicle.mode is (Mode.RETURN if reported else Mode.MISSION)

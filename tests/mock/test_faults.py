@@ -70,7 +70,7 @@ def run_to(bench: Bench, seconds: float) -> None:
     bench.run(took_off_s + seconds - bench.vehicle.powered_s)
 
 
-def told(bench: Bench) -> str:
+def reported(bench: Bench) -> str:
     return " | ".join(text.text for text in bench.heard(m.StatusText))
 
 
@@ -116,7 +116,7 @@ def test_gps_loss_lands_where_it_is_and_the_position_runs_away(autopilot):
 def test_a_short_gps_loss_heals_and_the_mode_stays():
     bench = flying(ARDUPILOT, "gps-loss:5@15s")
     bench.run(35.0)
-    assert "EKF Failsafe: changed to LAND Mode" in told(bench)
+    assert "EKF Failsafe: changed to LAND Mode" in reported(bench)
     assert bench.vehicle.has_fix
     assert bench.vehicle.body.believed.error_m == pytest.approx((0.0, 0.0, 0.0), abs=0.01)
     assert bench.vehicle.mode is Mode.LAND
@@ -129,7 +129,7 @@ def test_a_battery_failsafe_brings_it_down_and_says_so(autopilot, argument, mode
     bench.run(20.0)
     assert bench.vehicle.mode is mode
     assert bench.heard(m.SysStatus)[-1].battery_remaining_percent <= 6
-    assert "attery" in told(bench)
+    assert "attery" in reported(bench)
     bench.run(120.0)
     assert not bench.vehicle.armed
     assert not bench.vehicle.body.crashed
@@ -205,7 +205,7 @@ def test_refused_arming_says_why_and_ends(autopilot):
     bench.set_mode(Mode.GUIDED)
     expected = CommandResult.FAILED if autopilot is ARDUPILOT else CommandResult.TEMPORARILY_REJECTED
     assert bench.command(Command.COMPONENT_ARM_DISARM, 1.0) is expected
-    assert "Compass not healthy" in told(bench) or "Resolve system health failures" in told(bench)
+    assert "Compass not healthy" in reported(bench) or "Resolve system health failures" in reported(bench)
     bench.run(20.0)
     assert bench.command(Command.COMPONENT_ARM_DISARM, 1.0) is CommandResult.ACCEPTED
 

@@ -39,11 +39,11 @@ BAD = MissionItem(16, Frame.AMSL, (float("nan"), 0.0, 0.0, 0.0), 36.0, -84.0, 50
 
 
 def mission(count: int) -> Mission:
-    way = [
+    path = [
         waypoint(HOME.lat_deg + 1e-5 * k, HOME.lon_deg, 30.0 + k % 7, frame=Frame.ABOVE_HOME) for k in range(count - 2)
     ]
     first = takeoff(HOME.lat_deg, HOME.lon_deg, 30.0, frame=Frame.ABOVE_HOME)
-    return Mission(HOME, (first, *way, land(HOME.lat_deg, HOME.lon_deg, 0.0, frame=Frame.ABOVE_HOME)))
+    return Mission(HOME, (first, *path, land(HOME.lat_deg, HOME.lon_deg, 0.0, frame=Frame.ABOVE_HOME)))
 
 
 def fence() -> Fence:

@@ -39,7 +39,7 @@ def home_row() -> MissionItem:
     return MissionItem(Command.NAV_WAYPOINT, Frame.AMSL)
 
 
-def place(frame: int = 3, alt_m: float = 30.0, lat_deg: float = 36.5, **params) -> MissionItem:
+def position(frame: int = 3, alt_m: float = 30.0, lat_deg: float = 36.5, **params) -> MissionItem:
     values = tuple(params.get(f"p{n}", 0.0) for n in range(1, 5))
     return MissionItem(Command.NAV_WAYPOINT, Frame(frame), values, lat_deg, -84.2, alt_m)
 
@@ -73,7 +73,7 @@ def test_it_asks_with_the_deprecated_request():
 
 def test_item_0_is_overwritten_by_home():
     bench = switched_on(25.0)
-    bench.upload([place(lat_deg=10.0), place(lat_deg=36.51)])
+    bench.upload([position(lat_deg=10.0), position(lat_deg=36.51)])
     first, second = bench.download()
     here = (HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m)
     assert (first.lat_deg, first.lon_deg, first.alt_m) == pytest.approx(here, abs=5e-8)
@@ -82,7 +82,7 @@ def test_item_0_is_overwritten_by_home():
 
 def test_mission_currents_total_leaves_home_out():
     bench = switched_on(25.0)
-    bench.upload([home_row(), place(), place(), place()])
+    bench.upload([home_row(), position(), position(), position()])
     bench.command(Command.REQUEST_MESSAGE, 42.0)
     assert bench.heard(m.MissionCurrent)[-1].total == 3
 
@@ -122,7 +122,7 @@ def test_any_other_frame_is_unsupported(bench, frame):
 
 def test_altitudes_are_truncated_to_centimetres():
     bench = switched_on()
-    bench.upload([home_row(), place(alt_m=30.129), place(alt_m=-30.129)])
+    bench.upload([home_row(), position(alt_m=30.129), position(alt_m=-30.129)])
     assert [item.alt_m for item in bench.download()[1:]] == pytest.approx([30.12, -30.12], abs=1e-6)
 
 
@@ -134,7 +134,7 @@ def test_rally_altitudes_are_truncated_to_metres():
 
 def test_a_waypoint_loses_p2_to_p4_and_a_negative_hold_time_becomes_huge():
     bench = switched_on()
-    bench.upload([home_row(), place(p1=-5.0, p2=2.0, p3=3.0, p4=90.0)])
+    bench.upload([home_row(), position(p1=-5.0, p2=2.0, p3=3.0, p4=90.0)])
     assert bench.download()[1].params == (65531.0, 0.0, 0.0, 0.0)
 
 
@@ -145,8 +145,8 @@ def test_a_waypoint_loses_p2_to_p4_and_a_negative_hold_time_becomes_huge():
 @pytest.mark.parametrize(
     ("item", "result"),
     [
-        (place(lat_deg=91.0), MissionResult.INVALID_PARAM5_X),
-        (place(alt_m=math.nan), MissionResult.INVALID_PARAM7),
+        (position(lat_deg=91.0), MissionResult.INVALID_PARAM5_X),
+        (position(alt_m=math.nan), MissionResult.INVALID_PARAM7),
     ],
 )
 def test_impossible_numbers_are_refused(bench, item, result):
@@ -154,8 +154,8 @@ def test_impossible_numbers_are_refused(bench, item, result):
 
 
 def test_a_wrong_seq_is_answered_and_the_transfer_stays_open(bench):
-    assert bench.send_item(5, place()).result == MissionResult.INVALID_SEQUENCE
-    assert bench.send_item(1, place()).result == MissionResult.ACCEPTED
+    assert bench.send_item(5, position()).result == MissionResult.INVALID_SEQUENCE
+    assert bench.send_item(1, position()).result == MissionResult.ACCEPTED
 
 
 # "Not atomic: after a failed upload the vehicle holds a mixture of new and old items (fences are atomic, the rally count
@@ -164,11 +164,11 @@ def test_a_wrong_seq_is_answered_and_the_transfer_stays_open(bench):
 
 def test_a_failed_upload_leaves_a_mixture():
     bench = switched_on()
-    bench.upload([home_row(), *(place(lat_deg=36.5) for _ in range(4))])
+    bench.upload([home_row(), *(position(lat_deg=36.5) for _ in range(4))])
     bench.count(5)
     bench.send_item(0, home_row())
-    bench.send_item(1, place(lat_deg=36.6))
-    bench.send_item(2, place(lat_deg=91.0))
+    bench.send_item(1, position(lat_deg=36.6))
+    bench.send_item(2, position(lat_deg=91.0))
     assert [item.lat_deg for item in bench.download()[1:]] == [36.6, 36.5, 36.5, 36.5]
 
 
@@ -346,7 +346,7 @@ def test_terrain_frames_need_somebody_to_answer_terrain_requests():
     bench.run(5.0)
     assert not bench.heard(m.TerrainRequest)  # it requests nothing on a link that has not asked for it
     assert bench.command(Command.SET_MESSAGE_INTERVAL, 133.0, 5e5) is CommandResult.ACCEPTED
-    answers = TerrainAnswers(lambda places: [hill(*place) for place in places], parts_per_s=1000.0)
+    answers = TerrainAnswers(lambda positions: [hill(*position) for position in positions], parts_per_s=1000.0)
     for turn in range(40):
         bench.run(2.1)
         for request in bench.heard(m.TerrainRequest)[-1:]:

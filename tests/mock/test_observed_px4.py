@@ -20,8 +20,8 @@ from uavcover.mock.behaviour import OBSERVED
 from uavcover.mock.server import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 
-SEEN = OBSERVED[PX4.mav_autopilot]
-PUNCTUAL = replace(SEEN, stale_read_back=0.0)
+RECORDED = OBSERVED[PX4.mav_autopilot]
+PUNCTUAL = replace(RECORDED, stale_read_back=0.0)
 
 
 def switched_on(seconds: float = 4.0, **options) -> Bench:
@@ -31,7 +31,7 @@ def switched_on(seconds: float = 4.0, **options) -> Bench:
     return bench
 
 
-def place(lat_deg: float = 36.5, alt_m: float = 30.0) -> MissionItem:
+def position(lat_deg: float = 36.5, alt_m: float = 30.0) -> MissionItem:
     return MissionItem(Command.NAV_WAYPOINT, Frame.ABOVE_HOME, (0.0,) * 4, lat_deg, -84.2, alt_m)
 
 
@@ -41,7 +41,7 @@ def place(lat_deg: float = 36.5, alt_m: float = 30.0) -> MissionItem:
 
 def test_item_0_is_an_ordinary_item():
     bench = switched_on()
-    bench.upload([place(36.4), place(36.5)])
+    bench.upload([position(36.4), position(36.5)])
     assert [item.lat_deg for item in bench.download()] == [36.4, 36.5]
 
 
@@ -74,10 +74,10 @@ def test_a_command_without_a_location_needs_frame_2(frame, result):
 # "ACCEPTED is not validation: latitude 91, NaN altitude and a leg of 20 km were all accepted."
 
 
-@pytest.mark.parametrize("item", [place(lat_deg=91.0), place(alt_m=math.nan), place(lat_deg=36.5 + 0.18)])
+@pytest.mark.parametrize("item", [position(lat_deg=91.0), position(alt_m=math.nan), position(lat_deg=36.5 + 0.18)])
 def test_accepted_is_not_validation(item):
     bench = switched_on()
-    bench.upload([place(), item])
+    bench.upload([position(), item])
 
 
 # "Reading back at once after the ACK returned the previous mission about once in 60 times: on a mismatch wait 100 ms and
@@ -85,11 +85,11 @@ def test_accepted_is_not_validation(item):
 
 
 def test_reading_back_at_once_returns_the_previous_mission_once_in_60_times():
-    bench = switched_on(behaviour=SEEN, rng=np.random.default_rng(2))
+    bench = switched_on(behaviour=RECORDED, rng=np.random.default_rng(2))
     stale, latitude = 0, 36.0
     for _ in range(600):
         latitude = round(latitude + 1e-4, 7)
-        bench.upload([place(latitude)])
+        bench.upload([position(latitude)])
         if bench.download()[0].lat_deg != latitude:
             stale += 1
             bench.acknowledge()
@@ -105,18 +105,18 @@ def test_reading_back_at_once_returns_the_previous_mission_once_in_60_times():
 
 def test_a_failed_upload_leaves_the_old_mission_whole():
     bench = switched_on()
-    bench.upload([place(36.1), place(36.2), place(36.3)])
+    bench.upload([position(36.1), position(36.2), position(36.3)])
     bench.count(2)
-    bench.send_item(0, place(36.9))
+    bench.send_item(0, position(36.9))
     assert bench.send_raw_item(1, frame=10).result == MissionResult.UNSUPPORTED_FRAME
     assert [item.lat_deg for item in bench.download()] == [36.1, 36.2, 36.3]
 
 
 def test_an_upload_that_falls_silent_is_dropped_after_5_s_without_a_word():
     bench = switched_on(speed=10.0)
-    bench.upload([place(36.1)])
+    bench.upload([position(36.1)])
     bench.count(2)
-    bench.send_item(0, place(36.9))
+    bench.send_item(0, position(36.9))
     bench.said.clear()
     bench.run(4.9)
     assert bench.heard(m.MissionRequestInt)
@@ -130,7 +130,7 @@ def test_an_upload_that_falls_silent_is_dropped_after_5_s_without_a_word():
 
 def test_an_unfinished_download_blocks_uploads_for_5_3_s():
     bench = switched_on()
-    bench.upload([place(36.1), place(36.2)])
+    bench.upload([position(36.1), position(36.2)])
     bench.send(m.MissionRequestList(1, 1))
     bench.run(5.2)
     assert bench.count(1) == m.MissionAck(255, 190, MissionResult.ERROR)
@@ -156,7 +156,7 @@ def test_reached_items_repeat_and_skip():
 
 def test_ready_to_arm_after_3_4_s():
     bench = switched_on(3.2)
-    bench.upload([place()], MissionType.MISSION)
+    bench.upload([position()], MissionType.MISSION)
     assert bench.command(Command.COMPONENT_ARM_DISARM, 1.0) is CommandResult.TEMPORARILY_REJECTED
     bench.run(0.3)
     assert bench.command(Command.COMPONENT_ARM_DISARM, 1.0) is CommandResult.ACCEPTED

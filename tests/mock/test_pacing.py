@@ -20,19 +20,19 @@ class Station:
     def __init__(self, peer: MockPeer[str], name: str, *, system_id: int = 255) -> None:
         self.peer, self.name = peer, name
         self.codec = Codec(system_id=system_id, component_id=190)
-        self.asked: list[int] = []
+        self.requested: list[int] = []
 
     def says_hello(self, now: float) -> None:
         self.peer.receive_from(self.name, self.codec.encode(m.Heartbeat(8, 6)), now)
 
     def hears(self, data: bytes) -> None:
         questions = [received.message for received in self.codec.decode(data)]
-        self.asked += [q.asked_ns for q in questions if isinstance(q, m.TimeSync)]
+        self.requested += [q.requested_ns for q in questions if isinstance(q, m.TimeSync)]
 
     def answers(self, now: float) -> None:
-        for asked_ns in self.asked:
-            self.peer.receive_from(self.name, self.codec.encode(m.TimeSync(123, asked_ns)), now)
-        self.asked.clear()
+        for requested_ns in self.requested:
+            self.peer.receive_from(self.name, self.codec.encode(m.TimeSync(123, requested_ns)), now)
+        self.requested.clear()
 
 
 def paced(*names: str) -> tuple[MockPeer[str], MockVehicle, dict[str, Station]]:

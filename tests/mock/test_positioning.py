@@ -79,25 +79,25 @@ def test_impossible_errors_are_refused(make):
 
 
 def test_the_truth_log_stands_beside_what_it_tells(tmp_path):
-    told: list[TruthSample] = []
-    bench = Bench(ARDUPILOT, gps=GpsError(horizontal_m=1.0, vertical_m=1.0), on_truth=told.append)
+    reported: list[TruthSample] = []
+    bench = Bench(ARDUPILOT, gps=GpsError(horizontal_m=1.0, vertical_m=1.0), on_truth=reported.append)
     bench.run(3.0)
     bench.take_off(go(0, 60, 20))
     bench.run(10.0)
     positions = bench.heard(m.GlobalPositionInt)
-    assert [sample.time_s for sample in told] == [position.time_boot_s for position in positions]
-    for sample, position in zip(told[::20], positions[::20], strict=True):
+    assert [sample.time_s for sample in reported] == [position.time_boot_s for position in positions]
+    for sample, position in zip(reported[::20], positions[::20], strict=True):
         north_m = (position.lat_deg - sample.lat_deg) * 110_990.0
         assert north_m == pytest.approx(sample.north_error_m, abs=0.02)
         assert position.alt_amsl_m - sample.alt_amsl_m == pytest.approx(sample.up_error_m, abs=0.02)
     # It flies to where it believes the waypoint to be: really beside it by its error.
-    assert max(math.hypot(s.east_error_m, s.north_error_m) for s in told) > 0.2
+    assert max(math.hypot(s.east_error_m, s.north_error_m) for s in reported) > 0.2
     with TruthFile(tmp_path / "truth.csv") as write:
-        for sample in told:
+        for sample in reported:
             write(sample)
     with (tmp_path / "truth.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert [float(row["lat_deg"]) for row in rows] == [sample.lat_deg for sample in told]
+    assert [float(row["lat_deg"]) for row in rows] == [sample.lat_deg for sample in reported]
 
 
 def test_a_truth_file_that_cannot_be_made_is_an_error(tmp_path):

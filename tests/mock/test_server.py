@@ -19,7 +19,7 @@ from mission_io.model.items import Frame, Mission, MissionType, waypoint
 from mission_io.protocol.timing import Timing
 from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
-from tests.flight.scene import HOME, mission, plan_for, way_home
+from tests.flight.scene import HOME, mission, plan_for, return_mission
 from uavcover.errors import InputError, VehicleError
 from uavcover.flight.fly import fly
 from uavcover.flight.monitor import open_vehicle
@@ -74,7 +74,7 @@ def test_a_process_of_its_own_is_flown_and_ends_cleanly():
                 Orders(
                     on_sample=samples.append, on_event=lambda _: None, precautions=Precautions(on_breach=OnBreach.TELL)
                 ),
-                plan_return=way_home,
+                plan_return=return_mission,
             )
         assert outcome.ending is Ending.LANDED
         assert outcome.sample_count == len(samples) > 500
@@ -89,13 +89,13 @@ def test_a_process_that_is_stopped_in_the_middle_of_an_upload_is_an_error():
             client.wait_for_vehicle()
             items = [waypoint(36.5, -84.2 + n * 1e-6, 50.0, frame=Frame.ABOVE_HOME) for n in range(400)]
 
-            def stop_half_way(done: int, total: int) -> None:
+            def stop_halfway(done: int, total: int) -> None:
                 if done >= total // 2 and process.poll() is None:
                     process.kill()
                     process.wait()
 
             with pytest.raises(VehicleSilentError, match=r"after 20\d of 400 items"):
-                client.upload(MissionType.MISSION, items, progress=stop_half_way)
+                client.upload(MissionType.MISSION, items, progress=stop_halfway)
 
 
 def background(speed: float = SPEED, autopilot=PX4, **options):
@@ -162,9 +162,9 @@ def test_places_that_have_spoken_are_not_remembered_without_end():
     vehicle = MockVehicle(PX4, HOME)
     peer = InMemoryPeer(vehicle)
     hello = Codec(system_id=255, component_id=190).encode(m.Heartbeat(8, 6))
-    for place in range(100):
-        peer.receive_from(place, hello, 0.0)  # type: ignore[arg-type]
-    assert len({place for place, _ in peer.datagrams(2.0)}) == 16
+    for position in range(100):
+        peer.receive_from(position, hello, 0.0)  # type: ignore[arg-type]
+    assert len({position for position, _ in peer.datagrams(2.0)}) == 16
 
 
 @pytest.mark.parametrize(

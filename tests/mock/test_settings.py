@@ -31,11 +31,11 @@ def test_parameters_are_read_and_set_in_their_own_units(autopilot, name, value):
 
 @BOTH
 def test_all_parameters_are_told_once_and_numbered(autopilot):
-    told = ready(autopilot).send(m.ParamRequestList(1, 1))
-    assert all(isinstance(value, m.ParamValue) for value in told)
-    assert [value.index for value in told] == list(range(len(told)))
-    assert {value.count for value in told} == {len(told)}
-    assert [value.name for value in told] == list(PARAMETERS[autopilot.mav_autopilot])
+    reported = ready(autopilot).send(m.ParamRequestList(1, 1))
+    assert all(isinstance(value, m.ParamValue) for value in reported)
+    assert [value.index for value in reported] == list(range(len(reported)))
+    assert {value.count for value in reported} == {len(reported)}
+    assert [value.name for value in reported] == list(PARAMETERS[autopilot.mav_autopilot])
 
 
 def test_px4_sends_the_bits_of_integers_and_ardupilot_their_values():
@@ -118,8 +118,8 @@ def test_home_moved_in_flight_lowers_the_legs_at_once_or_from_the_next_item_on(a
     bench = flying(autopilot)
     while bench.vehicle.current_seq < (2 if autopilot is ARDUPILOT else 1):
         bench.run(0.2)
-    place = (0.0, 0.0, 0.0, 0.0, HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m - 8.0)
-    assert bench.command(Command.DO_SET_HOME, *place) is CommandResult.ACCEPTED
+    position = (0.0, 0.0, 0.0, 0.0, HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m - 8.0)
+    assert bench.command(Command.DO_SET_HOME, *position) is CommandResult.ACCEPTED
     assert bench.heard(m.HomePosition)[-1].alt_amsl_m == pytest.approx(HOME.alt_amsl_m - 8.0)
     while bench.vehicle.body.point.position_m[1] < 80.0:
         bench.run(0.5)

@@ -95,18 +95,20 @@ def in_line_of_sight(surface, sight, eye, centre):
     return True
 
 
-def sees(surface, sight, eye, centre, normal, heading=(0.0, 1.0)):
+def observes(surface, sight, eye, centre, normal, heading=(0.0, 1.0)):
     if not all(math.isfinite(x) for x in eye):
         return False
     return in_view(sight, eye, centre, normal, heading) and in_line_of_sight(surface, sight, eye, centre)
 
 
-def first_seen(surface, sight, cells, eyes, headings):
+def first_observed(surface, sight, cells, eyes, headings):
     first = []
     observations = list(zip(eyes.tolist(), headings.tolist(), strict=True))
     for centre, normal in zip(cells.centre_m.tolist(), cells.normal.tolist(), strict=True):
-        seen_by = [k for k, (eye, way) in enumerate(observations) if sees(surface, sight, eye, centre, normal, way)]
-        first.append(seen_by[0] if seen_by else -1)
+        observed_by = [
+            k for k, (eye, heading) in enumerate(observations) if observes(surface, sight, eye, centre, normal, heading)
+        ]
+        first.append(observed_by[0] if observed_by else -1)
     return first
 
 
@@ -122,14 +124,14 @@ def sample_path(route, spacing):
     return points
 
 
-def seen_often(surface, sight, cells, eyes, headings, needed, apart_m):
+def observed_often(surface, sight, cells, eyes, headings, needed, apart_m):
     """Number of the look with which each cell has that many, taken in order and none too near to one that counts."""
     found = []
     for centre, normal in zip(cells.centre_m.tolist(), cells.normal.tolist(), strict=True):
         counted = []
         number = -1
-        for k, (eye, way) in enumerate(zip(eyes.tolist(), headings.tolist(), strict=True)):
-            if number < 0 and sees(surface, sight, eye, centre, normal, way):
+        for k, (eye, heading) in enumerate(zip(eyes.tolist(), headings.tolist(), strict=True)):
+            if number < 0 and observes(surface, sight, eye, centre, normal, heading):
                 if all(math.dist(eye, other) >= apart_m for other in counted):
                     counted.append(eye)
                 if len(counted) == needed:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from tests.naive.pictures import looks
+from tests.naive.photos import looks
 
 
 def of_one_look(samples_m, angles_deg, probability, sample_m, off_vertical_deg):
@@ -35,20 +35,20 @@ def found(sensor, heights_m, eyes, yaws_deg, centres, normals, one_look):
         doubtful |= unclear
         for cell, sample in zip(cells, samples, strict=True):
             taken[cell].append((number, sample))
-    best, by_sides, by_pictures = (np.zeros(len(centres)) for _ in range(3))
-    for cell, seen in enumerate(taken):
+    best, by_sides, by_photos = (np.zeros(len(centres)) for _ in range(3))
+    for cell, observed in enumerate(taken):
         sides, missed = {}, 1.0
-        for number, sample_m in seen:
+        for number, sample_m in observed:
             away = eyes[number] - centres[cell]
             off_vertical = math.degrees(math.acos(away[2] / math.dist(eyes[number], centres[cell])))
-            share = one_look(sample_m, off_vertical)
-            missed *= 1.0 - share
+            fraction = one_look(sample_m, off_vertical)
+            missed *= 1.0 - fraction
             bearing = math.degrees(math.atan2(away[0], away[1])) % 360.0
             quarter = ("N", "E", "S", "W", "N")[int((bearing + 45.0) // 90.0)]
             side = "above" if off_vertical <= 45.0 else quarter
             doubtful[cell] |= abs(off_vertical - 45.0) < 1e-6 or abs((bearing + 45.0) % 90.0) < 1e-6
-            sides.setdefault(side, []).append(share)
+            sides.setdefault(side, []).append(fraction)
         best[cell] = max((max(side) for side in sides.values()), default=0.0)
         by_sides[cell] = 1.0 - math.prod(1.0 - max(side) for side in sides.values())
-        by_pictures[cell] = 1.0 - missed
-    return best, by_sides, by_pictures, doubtful
+        by_photos[cell] = 1.0 - missed
+    return best, by_sides, by_photos, doubtful

@@ -54,10 +54,10 @@ def least_crowded(objectives, keep):
 
 
 def first_occurrences(rows):
-    seen = []
+    observed = []
     first = []
     for row in rows:
         values = [float(value) for value in row]
-        first.append(values not in seen)
-        seen.append(values)
+        first.append(values not in observed)
+        observed.append(values)
     return first

@@ -5,7 +5,7 @@ import math
 STEP_S = 0.002
 
 
-def share(power, airspeed, climb):
+def fraction(power, airspeed, climb):
     """Power of flight over that of hovering: each part in watts for a thrust of one newton, then their sum."""
     hover = power.induced_m_s
     low, high = 0.0, hover
@@ -31,7 +31,7 @@ def leg(power, a, b, *, speed, acceleration, wind):
         now = max(now, 0.5 * acceleration * STEP_S)
         east, north = now * unit[0] - wind[0], now * unit[1] - wind[1]
         airspeed = math.sqrt(east**2 + north**2 + 2.0 * power.gust_m_s**2)
-        used += STEP_S * share(power, airspeed, now * unit[2])
+        used += STEP_S * fraction(power, airspeed, now * unit[2])
         time += STEP_S
         at += now * STEP_S
     return time, used

@@ -73,9 +73,9 @@ def leg_ranges_m(ground_m, points, *, step_m):
         points: (n, 3) latitude, longitude in degrees, height above sea level.
         step_m: along the leg.
     """
-    places = ecef_of(*np.asarray(points, float).T)
+    positions = ecef_of(*np.asarray(points, float).T)
     out = []
-    for a, b in itertools.pairwise(places):
+    for a, b in itertools.pairwise(positions):
         t = np.linspace(0.0, 1.0, max(2, math.ceil(float(np.linalg.norm(b - a)) / step_m) + 1))
         lat, lon, alt = geodetic_of(a + t[:, None] * (b - a))
         above = alt - ground_m(lat, lon)

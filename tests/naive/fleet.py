@@ -111,16 +111,16 @@ def least_distance(
         start_error_s: likewise at the start.
         step_s: how densely both are looked at.
     """
-    places = []
+    positions = []
     for times, path in ((a_s, a_m), (b_s, b_m)):
         moments = np.append(np.arange(times[0], times[-1], step_s), times[-1])
-        places.append((moments, np.column_stack([np.interp(moments, times, path[:, k]) for k in range(3)])))
-    (ta, pa), (tb, pb) = places
+        positions.append((moments, np.column_stack([np.interp(moments, times, path[:, k]) for k in range(3)])))
+    (ta, pa), (tb, pb) = positions
     least = math.inf
-    for when, place in zip(ta, pa, strict=True):
+    for when, position in zip(ta, pa, strict=True):
         late = fraction * max(when, 0.0) + start_error_s
         own_late = fraction * np.maximum(tb, 0.0) + start_error_s
         meets = (start_s + tb - own_late <= when + late) & (start_s + tb + own_late >= when - late)
         if meets.any():
-            least = min(least, float(np.sqrt(((pb[meets] - place) ** 2).sum(axis=1)).min()))
+            least = min(least, float(np.sqrt(((pb[meets] - position) ** 2).sum(axis=1)).min()))
     return least

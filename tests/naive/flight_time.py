@@ -40,16 +40,16 @@ def ground_speed(pace, east, north):
 def ramp(speed, acceleration, jerk):
     """(time, way, speed, acceleration) in small steps from rest to a speed, the jerk limited."""
     states = [(0.0, 0.0, 0.0, 0.0)]
-    time = way = v = a = 0.0
+    time = distance = v = a = 0.0
     # The acceleration falls again when what is left of the speed is what it loses by falling.
     while v < speed and (a > 0.0 or time == 0.0):
         falling = a * a / (2.0 * jerk) >= speed - v
         new = max(0.0, a - jerk * STEP_S) if falling else min(acceleration, a + jerk * STEP_S)
         middle = 0.5 * (a + new)
-        way += v * STEP_S + 0.5 * middle * STEP_S**2
+        distance += v * STEP_S + 0.5 * middle * STEP_S**2
         v += middle * STEP_S
         time, a = time + STEP_S, new
-        states.append((time, way, v, a))
+        states.append((time, distance, v, a))
     return states
 
 
@@ -63,7 +63,7 @@ def peak_speed(length, speed, acceleration, jerk):
     return low
 
 
-def braked(pace, way, most, begin, end):
+def braked(pace, distance, most, begin, end):
     """Seconds and peak speed of a way from one speed to another, braking by the rule of PX4, added up over small speeds."""
     a, jerk = pace.acceleration_m_s2, pace.jerk_m_s3
 
@@ -86,10 +86,10 @@ def braked(pace, way, most, begin, end):
     for _ in range(20):
         middle = 0.5 * (low + high)
         full = 0.5 * (middle + begin) * ((middle - begin) / a + a / jerk)
-        low, high = (middle, high) if full + slower(middle)[1] <= way else (low, middle)
+        low, high = (middle, high) if full + slower(middle)[1] <= distance else (low, middle)
     peak = max(min(most, low), min(begin, most), min(end, most))
     (t1, s1), (t2, s2) = faster(peak), slower(peak)
-    return t1 + t2 + (way - s1 - s2) / peak, peak
+    return t1 + t2 + (distance - s1 - s2) / peak, peak
 
 
 def flight_time(points, pace):
@@ -106,20 +106,20 @@ def leg_time(pace, one):
     if pace.acceleration_m_s2 == math.inf:
         return length / speed
     if pace.corner == 1 and math.hypot(unit[0], unit[1]) > 1e-6:
-        way = max(length - pace.corner_radius_m, 0.05 * pace.corner_radius_m)
-        return braked(pace, way, speed, 0.0, stopping(pace, pace.corner_radius_m, 0.0))[0] + settling(pace, one)
+        distance = max(length - pace.corner_radius_m, 0.05 * pace.corner_radius_m)
+        return braked(pace, distance, speed, 0.0, stopping(pace, pace.corner_radius_m, 0.0))[0] + settling(pace, one)
     peak = peak_speed(length, speed, acceleration, pace.jerk_m_s3)
     up = ramp(peak, acceleration, pace.jerk_m_s3)[-1]
     return 2.0 * up[0] + (length - 2.0 * up[1]) / peak + pace.smoothing_s
 
 
-def stopping(pace, way, end):
+def stopping(pace, distance, end):
     """Halving: the speed that falls to ``end`` over the way."""
     a, lag = pace.acceleration_m_s2, 4.0 * pace.acceleration_m_s2**2 / pace.jerk_m_s3
     low, high = 0.0, 1000.0
     for _ in range(40):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if middle**2 + lag * middle <= 2.0 * a * way + end**2 else (low, middle)
+        low, high = (middle, high) if middle**2 + lag * middle <= 2.0 * a * distance + end**2 else (low, middle)
     return low
 
 
@@ -175,8 +175,8 @@ def braked_saving(pace, a, b):
     begin = max(0.0, end * math.cos(angle))
     total = 0.0
     for one in (a, b):
-        way = max(one[1] - radius + radius * math.cos(angle), 0.05 * radius)
-        passed, peak = braked(pace, way, one[2], min(begin, one[2]), min(end, one[2]))
+        distance = max(one[1] - radius + radius * math.cos(angle), 0.05 * radius)
+        passed, peak = braked(pace, distance, one[2], min(begin, one[2]), min(end, one[2]))
         stopped = leg_time(pace, one) - settling(pace, one)
         total += 0.5 * (stopped - passed + 0.7 * settling(pace, one) * min(1.0, begin / peak))
     return total

@@ -25,30 +25,30 @@ def passed_corners(points, pace, steps=20):
     """
     motions = [_motion(pace, a, b) for a, b in itertools.pairwise(points)]
     corners, steps_s = [], []
-    for point, (one, ways_a, slow_a), (two, ways_b, slow_b) in zip(points[1:], motions, motions[1:], strict=False):
+    for point, (one, paths_a, slow_a), (two, paths_b, slow_b) in zip(points[1:], motions, motions[1:], strict=False):
         blend = max(0.0, blended_saving(pace, one, two) / math.sqrt(slow_a * slow_b) - pace.smoothing_s)
-        places = []
+        positions = []
         for k in range(steps + 1):
             since = blend * k / steps
-            short, onward = np.interp((blend - since) * slow_a, *ways_a), np.interp(since * slow_b, *ways_b)
-            places.append([p - short * a + onward * b for p, a, b in zip(point, one[0], two[0], strict=True)])
-        corners.append(places)
+            short, onward = np.interp((blend - since) * slow_a, *paths_a), np.interp(since * slow_b, *paths_b)
+            positions.append([p - short * a + onward * b for p, a, b in zip(point, one[0], two[0], strict=True)])
+        corners.append(positions)
         steps_s.append(blend / steps)
     return np.array(corners), np.array(steps_s)
 
 
-def reached_places(points, radius_m=2.0, height_radius_m=0.8, step_m=0.01):
+def reached_positions(points, radius_m=2.0, height_radius_m=0.8, step_m=0.01):
     """Where PX4 has reached each point but the first: in small steps towards it, until it is near on the map and in height."""
-    place, places = np.asarray(points[0], dtype=float), []
+    position, positions = np.asarray(points[0], dtype=float), []
     for point in np.asarray(points, dtype=float)[1:]:
-        while math.dist(place[:2], point[:2]) > radius_m or abs(place[2] - point[2]) > height_radius_m:
-            way = point - place
-            place = place + way * min(1.0, step_m / np.linalg.norm(way))
-        places.append(place)
-    return np.array(places)
+        while math.dist(position[:2], point[:2]) > radius_m or abs(position[2] - point[2]) > height_radius_m:
+            step = point - position
+            position = position + step * min(1.0, step_m / np.linalg.norm(step))
+        positions.append(position)
+    return np.array(positions)
 
 
-def nose(line, steps_s, cruise_m_s, before):
+def yaw(line, steps_s, cruise_m_s, before):
     """Where the nose points on each piece of a line: along it, but below 5 % of the cruise speed where it pointed before.
 
     Args:
@@ -90,7 +90,7 @@ def px4_begins(line, before, cruise_m_s, acceleration_m_s2=3.0, radius_m=2.0):
 def turning(
     line,
     steps_s,
-    ways,
+    steps,
     begins_m_s,
     before,
     cruise_m_s,
@@ -105,7 +105,7 @@ def turning(
     Args:
         line: its points.
         steps_s: seconds of each piece; 0 where that is a leg, on which the vehicle speeds up until it cruises.
-        ways: where the nose shall point on each piece; (0, 0): nowhere.
+        steps: where the nose shall point on each piece; (0, 0): nowhere.
         begins_m_s: speed at the beginning of each leg.
         before: where the nose points before the line begins.
         cruise_m_s: of the vehicle.
@@ -115,43 +115,43 @@ def turning(
         lengths_m: of the legs as they are flown; none: as they are.
         yaw_acceleration_deg_s2: how fast the rate changes.
     """
-    line, turns_rad_s, last_way = np.asarray(line, dtype=float), 0.0, before if np.any(before) else ways[0]
-    nose = math.atan2(before[0], before[1]) if np.any(before) else None
-    places, noses = [line[0]], []
-    for k, (a, b, seconds, way, speed) in enumerate(zip(line, line[1:], steps_s, ways, begins_m_s, strict=False)):
-        if not np.any(way):
-            places.append(b)
-            noses.append((0.0, 0.0))
+    line, turns_rad_s, last_path = np.asarray(line, dtype=float), 0.0, before if np.any(before) else steps[0]
+    yaw = math.atan2(before[0], before[1]) if np.any(before) else None
+    positions, yaws = [line[0]], []
+    for k, (a, b, seconds, step, speed) in enumerate(zip(line, line[1:], steps_s, steps, begins_m_s, strict=False)):
+        if not np.any(step):
+            positions.append(b)
+            yaws.append((0.0, 0.0))
             continue
-        wanted = math.atan2(way[0], way[1])
-        nose = wanted if nose is None else nose
+        wanted = math.atan2(step[0], step[1])
+        yaw = wanted if yaw is None else yaw
         if seconds > 0.0:
-            nose = _nearer(nose, wanted, math.radians(rate_deg_s) * seconds)
+            yaw = _nearer(yaw, wanted, math.radians(rate_deg_s) * seconds)
         else:
-            length_m, done_m, shown = math.dist(a, b) if lengths_m is None else lengths_m[k], 0.0, nose
+            length_m, done_m, shown = math.dist(a, b) if lengths_m is None else lengths_m[k], 0.0, yaw
             px4 = None
             if yaw_acceleration_deg_s2 < math.inf:
-                onward = begins_m_s[k + 1] if k + 1 < len(ways) else cruise_m_s
-                px4 = _Px4Leg(speed * _cosine(last_way, way), onward, length_m, cruise_m_s, acceleration_m_s2)
-            last_way = way
-            while done_m < length_m and nose != wanted:
+                onward = begins_m_s[k + 1] if k + 1 < len(steps) else cruise_m_s
+                px4 = _Px4Leg(speed * _cosine(last_path, step), onward, length_m, cruise_m_s, acceleration_m_s2)
+            last_path = step
+            while done_m < length_m and yaw != wanted:
                 if px4 is not None:
                     limits = math.radians(rate_deg_s), math.radians(yaw_acceleration_deg_s2)
-                    nose, turns_rad_s = _driven(nose, turns_rad_s, wanted, *limits, step_s)
+                    yaw, turns_rad_s = _driven(yaw, turns_rad_s, wanted, *limits, step_s)
                     done_m = px4.go(step_s)
                 else:
-                    nose = _nearer(nose, wanted, math.radians(rate_deg_s) * step_s)
+                    yaw = _nearer(yaw, wanted, math.radians(rate_deg_s) * step_s)
                     speed = min(cruise_m_s, speed + acceleration_m_s2 * step_s)
                     done_m += speed * step_s
-                has_turned = abs(math.remainder(nose - shown, math.tau)) > math.radians(2.0)
-                if (has_turned or nose == wanted) and done_m < length_m:
-                    places.append(a + done_m / length_m * (b - a))
-                    middle = shown + 0.5 * math.remainder(nose - shown, math.tau)
-                    noses.append((math.sin(middle), math.cos(middle)))
-                    shown = nose
-        places.append(b)
-        noses.append((math.sin(nose), math.cos(nose)))
-    return np.array(places), noses
+                has_turned = abs(math.remainder(yaw - shown, math.tau)) > math.radians(2.0)
+                if (has_turned or yaw == wanted) and done_m < length_m:
+                    positions.append(a + done_m / length_m * (b - a))
+                    middle = shown + 0.5 * math.remainder(yaw - shown, math.tau)
+                    yaws.append((math.sin(middle), math.cos(middle)))
+                    shown = yaw
+        positions.append(b)
+        yaws.append((math.sin(yaw), math.cos(yaw)))
+    return np.array(positions), yaws
 
 
 class _Px4Leg:
@@ -178,13 +178,13 @@ class _Px4Leg:
         return self.done_m
 
 
-def _from_which(way_m, end_m_s, acceleration_m_s2, jerk_m_s3):
+def _from_which(distance_m, end_m_s, acceleration_m_s2, jerk_m_s3):
     """The speed v with (v² - end²) / 2 a + 2 a v / j = way: from which PX4 still gets to the speed at the end."""
     low, high = 0.0, 1_000.0
     for _ in range(50):
         v = 0.5 * (low + high)
-        way = (v * v - end_m_s**2) / (2.0 * acceleration_m_s2) + 2.0 * acceleration_m_s2 / jerk_m_s3 * v
-        low, high = (v, high) if way < way_m else (low, v)
+        step = (v * v - end_m_s**2) / (2.0 * acceleration_m_s2) + 2.0 * acceleration_m_s2 / jerk_m_s3 * v
+        low, high = (v, high) if step < distance_m else (low, v)
     return low
 
 
@@ -193,34 +193,34 @@ def _cosine(one, other):
     return float(np.dot(one, other) / size) if size > 0.0 else 1.0
 
 
-def nose_behind(before, ways, steps_s, rate_deg_s=60.0):
+def yaw_behind(before, steps, steps_s, rate_deg_s=60.0):
     """Where the nose points behind pieces of so many seconds, on which it turns to these ways as fast as it can."""
-    nose = math.atan2(before[0], before[1])
-    for way, seconds in zip(ways, steps_s, strict=True):
-        nose = _nearer(nose, math.atan2(way[0], way[1]), math.radians(rate_deg_s) * seconds)
-    return math.sin(nose), math.cos(nose)
+    yaw = math.atan2(before[0], before[1])
+    for step, seconds in zip(steps, steps_s, strict=True):
+        yaw = _nearer(yaw, math.atan2(step[0], step[1]), math.radians(rate_deg_s) * seconds)
+    return math.sin(yaw), math.cos(yaw)
 
 
-def _driven(nose, rate, wanted, most, acceleration, step_s):
+def _driven(yaw, rate, wanted, most, acceleration, step_s):
     """The nose and its rate a step later: full power towards where it is wanted, full brake where it would go beyond it."""
-    off = math.remainder(wanted - nose, math.tau)
+    off = math.remainder(wanted - yaw, math.tau)
     behind = off - 0.5 * rate * abs(rate) / acceleration
     rate = max(-most, min(rate + math.copysign(acceleration * step_s, behind), most))
-    nose += rate * step_s
-    off = math.remainder(wanted - nose, math.tau)
-    return (wanted, 0.0) if abs(off) < math.radians(0.3) and abs(rate) < math.radians(4.0) else (nose, rate)
+    yaw += rate * step_s
+    off = math.remainder(wanted - yaw, math.tau)
+    return (wanted, 0.0) if abs(off) < math.radians(0.3) and abs(rate) < math.radians(4.0) else (yaw, rate)
 
 
-def _nearer(nose, wanted, most):
+def _nearer(yaw, wanted, most):
     """The angle, closer to the wanted one by ``most`` at most, the short way round."""
-    off = math.remainder(wanted - nose, math.tau)
-    return wanted if abs(off) <= most else nose + math.copysign(most, off)
+    off = math.remainder(wanted - yaw, math.tau)
+    return wanted if abs(off) <= most else yaw + math.copysign(most, off)
 
 
 def _motion(pace, a, b):
     one = leg(pace, a, b)
     peak = peak_speed(one[1], one[2], one[3], pace.jerk_m_s3)
     states = ramp(peak, one[3], pace.jerk_m_s3)
-    times, ways = [state[0] for state in states], [state[1] for state in states]
-    quickest = 2.0 * times[-1] + (one[1] - 2.0 * ways[-1]) / peak
-    return one, (times, ways), quickest / (quickest + pace.smoothing_s)
+    times, steps = [state[0] for state in states], [state[1] for state in states]
+    quickest = 2.0 * times[-1] + (one[1] - 2.0 * steps[-1]) / peak
+    return one, (times, steps), quickest / (quickest + pace.smoothing_s)

@@ -22,15 +22,15 @@ def end_of_view(relief, e, n, angles):
         for _ in range(50):
             r = 0.5 * (low + high)
             up = height(relief.ground_m, relief.side, e + r * ue, n + r * un)
-            seen = r <= relief.tangent * (top - up)
-            low, high = np.where(seen, r, low), np.where(seen, high, r)
+            observed = r <= relief.tangent * (top - up)
+            low, high = np.where(observed, r, low), np.where(observed, high, r)
     return np.stack([e + high * ue, n + high * un])
 
 
-def gain(relief, price_m2, place, heading, count=1500):
+def gain(relief, price_m2, position, heading, count=1500):
     """What a metre along a heading sees anew and loses, half of each, with the price (e, n) -> price of a square metre."""
     angles = (np.arange(count) + 0.5) * 2.0 * math.pi / count
-    (e, n), (he, hn), step = place, (math.cos(heading), math.sin(heading)), 1e-4
+    (e, n), (he, hn), step = position, (math.cos(heading), math.sin(heading)), 1e-4
     along = (end_of_view(relief, e + step * he, n + step * hn, angles) - end_of_view(relief, e, n, angles)) / step
     around = (end_of_view(relief, e, n, angles + step) - end_of_view(relief, e, n, angles - step)) / (2.0 * step)
     passed = np.abs(along[0] * around[1] - along[1] * around[0])

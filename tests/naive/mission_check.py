@@ -52,7 +52,7 @@ def order(rows):
 def path(rows, plane, home_m, return_m, *, px4):
     """[(from, to, phase, (n, 3) east, north, height)] of a multirotor, a place every STEP_M."""
 
-    def place(row, before):
+    def position(row, before):
         _, frame, _, lat, lon, alt = row
         en = before[:2] if lat == 0.0 and lon == 0.0 else plane.to(lat, lon)
         if alt == 0.0 and not px4:
@@ -69,20 +69,20 @@ def path(rows, plane, home_m, return_m, *, px4):
         row = rows[number - 1]
         command, params = row[0], row[2]
         if command == 22:
-            top = np.array([at[0], at[1], place(row, at)[2]])
+            top = np.array([at[0], at[1], position(row, at)[2]])
             parts.append((last, number, "take-off", line(at, top)))
             at, vector = top, None
         elif command == 16:
-            to = place(row, at)
+            to = position(row, at)
             parts.append((last, number, "route", line(at, to)))
             at, vector = to, (to - at if params[0] == 0.0 else None)
         elif command == 82:
-            to = place(row, at)
+            to = position(row, at)
             v0 = np.zeros(3) if vector is None else vector
             v1 = np.zeros(3)
             follower = next((rows[n - 1] for n in numbers[k + 1 :] if rows[n - 1][0] <= 95), None)
             if follower is not None and follower[1] != 2:
-                onward = place(follower, to)
+                onward = position(follower, to)
                 v1 = onward - (at if follower[0] == 82 else to)
             total, chord = np.linalg.norm(v0) + np.linalg.norm(v1), np.linalg.norm(to - at)
             shrink = min(1.0, 4.0 * chord / total) if total else 1.0
@@ -100,7 +100,7 @@ def path(rows, plane, home_m, return_m, *, px4):
             parts.append((number, number, "landing", line(over, np.array([0.0, 0.0, home_m]))))
             return parts
         elif command == 21:
-            over = np.array([*place(row, at)[:2], at[2]])
+            over = np.array([*position(row, at)[:2], at[2]])
             parts.append((last, number, "route", line(at, over)))
             return parts
         else:
@@ -169,25 +169,25 @@ def judge(rows, home, ground, *, return_m, px4, low_m, high_m, fence=None, zone=
             )
             note("no-fly", pair, depth.max())
         if phase == "route":
-            for place in points[:: max(1, round(RETURN_EVERY_M / STEP_M))]:
-                height = home_m + return_above_home(place, home_m, return_m, px4=px4)
-                t = np.linspace(0.0, 1.0, max(2, math.ceil(math.hypot(place[0], place[1]) / RETURN_STEP_M) + 1))
-                way = height - ground.height_m(*plane.back(place[0] * (1.0 - t), place[1] * (1.0 - t)))
-                note("return", pair, low_m - way.min())
-                back_e, back_n = place[0] * (1.0 - t), place[1] * (1.0 - t)
-                if fence and inside(place[:1], place[1:2], local["fence"])[0]:
+            for position in points[:: max(1, round(RETURN_EVERY_M / STEP_M))]:
+                height = home_m + return_above_home(position, home_m, return_m, px4=px4)
+                t = np.linspace(0.0, 1.0, max(2, math.ceil(math.hypot(position[0], position[1]) / RETURN_STEP_M) + 1))
+                return_line = height - ground.height_m(*plane.back(position[0] * (1.0 - t), position[1] * (1.0 - t)))
+                note("return", pair, low_m - return_line.min())
+                back_e, back_n = position[0] * (1.0 - t), position[1] * (1.0 - t)
+                if fence and inside(position[:1], position[1:2], local["fence"])[0]:
                     away = from_edge(back_e, back_n, local["fence"])
                     note("return-fence", pair, np.where(inside(back_e, back_n, local["fence"]), -away, away).max())
                 if zone is not None:
-                    over = place[2] - ground.height_m(*plane.back(place[:1], place[1:2]))[0]
-                    if inside(place[:1], place[1:2], zone_ring)[0] and zone[1] < over < zone[2]:
+                    over = position[2] - ground.height_m(*plane.back(position[:1], position[1:2]))[0]
+                    if inside(position[:1], position[1:2], zone_ring)[0] and zone[1] < over < zone[2]:
                         continue
                     # Straight up, straight home, straight down.
-                    up_m = np.linspace(over, way[0], 40)
-                    down_m = np.linspace(0.0, way[-1], 40)
-                    es = np.concatenate([np.full(40, place[0]), back_e, np.zeros(40)])
-                    ns = np.concatenate([np.full(40, place[1]), back_n, np.zeros(40)])
-                    hs = np.concatenate([up_m, way, down_m])
+                    up_m = np.linspace(over, return_line[0], 40)
+                    down_m = np.linspace(0.0, return_line[-1], 40)
+                    es = np.concatenate([np.full(40, position[0]), back_e, np.zeros(40)])
+                    ns = np.concatenate([np.full(40, position[1]), back_n, np.zeros(40)])
+                    hs = np.concatenate([up_m, return_line, down_m])
                     away = from_edge(es, ns, zone_ring)
                     hit = inside(es, ns, zone_ring) & (hs > zone[1]) & (hs < zone[2])
                     note("return-no-fly", pair, np.where(hit, away, -np.maximum(away, 0.1)).max())
@@ -208,8 +208,8 @@ def _cut_corners(rows, parts):
         if float(u @ v) > 0.9985 or float(u @ v) < -0.996:
             continue
         flat = early(u, v, min(10.0, in_m, out_m)) + two[0][:2]
-        share = np.linspace(0.0, 1.0, len(flat))
-        up = two[0][2] + share * min(10.0, in_m, out_m) * after[2] / out_m
+        fraction = np.linspace(0.0, 1.0, len(flat))
+        up = two[0][2] + fraction * min(10.0, in_m, out_m) * after[2] / out_m
         out.append((first, last, "turn", np.column_stack([flat, up])))
     return out
 

@@ -57,9 +57,9 @@ def clearance_beside(prisms, p, q, above):
     return min((footprint.distance(part) for footprint, part in parts if part is not None), default=math.inf)
 
 
-def lacking(footprint, top, p, q, beside, above, places=4001):
+def lacking(footprint, top, p, q, beside, above, positions=4001):
     """What the line lacks of one prism: the smaller of aside and higher; trying places along it."""
-    t = np.linspace(0.0, 1.0, places)[:, None]
+    t = np.linspace(0.0, 1.0, positions)[:, None]
     points = np.asarray(p) + t * (np.asarray(q) - np.asarray(p))
     distance = shapely.distance(footprint, shapely.points(points[:, :2]))
     low, near = points[:, 2] < top + above, distance < beside
@@ -70,11 +70,11 @@ def lacking(footprint, top, p, q, beside, above, places=4001):
     return higher if (distance[low] == 0.0).any() else min(higher, aside)
 
 
-def horizon(prisms, place, reach):
+def horizon(prisms, position, reach):
     """Tangent of the steepest slope from a place up to a top within reach."""
     slopes = [0.0]
     for footprint, top in prisms:
-        distance = footprint.boundary.distance(shapely.Point(place[:2]))
-        if top > place[2] and distance <= reach:
-            slopes.append((top - place[2]) / distance if distance > 0.0 else math.inf)
+        distance = footprint.boundary.distance(shapely.Point(position[:2]))
+        if top > position[2] and distance <= reach:
+            slopes.append((top - position[2]) / distance if distance > 0.0 else math.inf)
     return max(slopes)

@@ -18,7 +18,7 @@ import shapely
 from pyproj import Transformer
 from scipy.spatial import cKDTree
 
-from tests.naive.flown_line import arducopter, nose, nose_behind, passed_corners, px4_begins, reached_places, turning
+from tests.naive.flown_line import arducopter, passed_corners, px4_begins, reached_positions, turning, yaw, yaw_behind
 
 _STEP_M = 0.01
 _SAMPLES = 80
@@ -45,45 +45,45 @@ class Dem:
         return (z[i, j] * (1 - t) + z[i, j + 1] * t) * (1 - s) + (z[i + 1, j] * (1 - t) + z[i + 1, j + 1] * t) * s
 
 
-def trigger(route, distance_m, step_m=_STEP_M, noses=None):
+def trigger(route, distance_m, step_m=_STEP_M, yaws=None):
     """Places of pictures and headings (east, north): fly on in small steps, shoot when the last picture is far enough away."""
-    places, headings = [], []
+    positions, headings = [], []
     for leg, (a, b) in enumerate(itertools.pairwise([tuple(map(float, point)) for point in route])):
         over_ground = math.dist(a[:2], b[:2])
         if over_ground == 0.0:
             continue
-        heading = ((b[0] - a[0]) / over_ground, (b[1] - a[1]) / over_ground) if noses is None else noses[leg]
-        if not places:
-            places, headings = [a], [heading]
+        heading = ((b[0] - a[0]) / over_ground, (b[1] - a[1]) / over_ground) if yaws is None else yaws[leg]
+        if not positions:
+            positions, headings = [a], [heading]
         steps = max(1, math.ceil(over_ground / step_m))
         for k in range(1, steps + 1):
             here = tuple(p + k / steps * (q - p) for p, q in zip(a, b, strict=True))
-            if math.dist(here[:2], places[-1][:2]) >= distance_m - 1e-9:
+            if math.dist(here[:2], positions[-1][:2]) >= distance_m - 1e-9:
                 # A step too far each time would be metres in the end: halve it until the place is known.
                 near, far = (k - 1) / steps, k / steps
                 for _ in range(30):
                     middle = 0.5 * (near + far)
                     here = tuple(p + middle * (q - p) for p, q in zip(a, b, strict=True))
-                    is_due = math.dist(here[:2], places[-1][:2]) >= distance_m - 1e-9
+                    is_due = math.dist(here[:2], positions[-1][:2]) >= distance_m - 1e-9
                     near, far = (near, middle) if is_due else (middle, far)
                 here = tuple(p + far * (q - p) for p, q in zip(a, b, strict=True))
-                places.append(here)
+                positions.append(here)
                 headings.append(heading)
-    return np.array(places), np.array(headings)
+    return np.array(positions), np.array(headings)
 
 
-def along(route, spacing_m, noses=None):
+def along(route, spacing_m, yaws=None):
     """Places and headings all along the legs, both ends of each included: at a waypoint a sensor looks along both legs."""
-    places, headings = [], []
+    positions, headings = [], []
     for leg, (a, b) in enumerate(itertools.pairwise(np.asarray(route, dtype=float))):
         over_ground = math.dist(a[:2], b[:2])
         heading = (b - a)[:2] / over_ground if over_ground > 0.0 else np.zeros(2)
-        if noses is not None:
-            heading = noses[leg]
+        if yaws is not None:
+            heading = yaws[leg]
         for t in np.linspace(0.0, 1.0, max(1, math.ceil(math.dist(a, b) / spacing_m - 1e-9)) + 1):
-            places.append(a + t * (b - a))
+            positions.append(a + t * (b - a))
             headings.append(heading)
-    return np.array(places), np.array(headings)
+    return np.array(positions), np.array(headings)
 
 
 def spacing_m(scenario):
@@ -105,7 +105,7 @@ def spacing_m(scenario):
     return min(10.0, half / 3.0)
 
 
-def picture_distance_m(scenario):
+def photo_distance_m(scenario):
     """Between two pictures: said, or by the overlap of pictures of flat ground from the lowest height; None: no trigger."""
     sensor = scenario["sensor"]
     if "trigger_distance_m" in sensor:
@@ -123,7 +123,7 @@ def flown_looks(scenario, route, top):
     PX4 has reached a waypoint before it is there: the route ends there.
     """
     if scenario["vehicle"].get("autopilot") == "px4":
-        reached = reached_places([top, *route])
+        reached = reached_positions([top, *route])
         if _looks_from_waypoints(scenario["sensor"]):
             return looks(scenario, reached)
         return _px4_looks(scenario, route, reached, np.asarray(route[0])[:2] - top[:2])
@@ -131,7 +131,7 @@ def flown_looks(scenario, route, top):
     corners, steps_s = passed_corners([top, *route, top], pace)
     if _looks_from_waypoints(scenario["sensor"]):
         return looks(scenario, corners[:, corners.shape[1] // 2])
-    triggered = picture_distance_m(scenario) is not None
+    triggered = photo_distance_m(scenario) is not None
     if triggered:
         corners[0] = route[0]  # it stops where its pictures begin
     half = corners.shape[1] // 2
@@ -139,22 +139,22 @@ def flown_looks(scenario, route, top):
     pieces_s = np.column_stack([np.tile(steps_s[:, None], 2 * half), np.zeros(len(steps_s))]).ravel()
     there = np.asarray(route[0])[:2] - top[:2]
     there = there / np.linalg.norm(there)
-    noses = nose(line, pieces_s, pace.cruise_m_s, there)
+    yaws = yaw(line, pieces_s, pace.cruise_m_s, there)
     # How its ends are passed depends on the ways there and home: only what is nearly on a leg counts.
     ends = half + half // 2
     first, last = 2 * half if triggered else ends, len(line) - ends
-    before = nose_behind(there, noses[:first], pieces_s[:first])
-    line, noses, pieces_s = line[first:last], noses[first : last - 1], pieces_s[first : last - 1]
+    before = yaw_behind(there, yaws[:first], pieces_s[:first])
+    line, yaws, pieces_s = line[first:last], yaws[first : last - 1], pieces_s[first : last - 1]
     if _turns(scenario["sensor"]):
         # A leg begins with the speed of the last step of the corner.
         begins = [0.0 if triggered else pace.cruise_m_s]
         for a, b, seconds in zip(line, line[1:], pieces_s, strict=False):
             begins.append(min(pace.cruise_m_s, math.dist(a, b) / seconds) if seconds > 0.0 else 0.0)
-        line, noses = turning(line, pieces_s, noses, begins, before, pace.cruise_m_s, pace.acceleration_m_s2)
-    places, headings = looks(scenario, line, noses)
+        line, yaws = turning(line, pieces_s, yaws, begins, before, pace.cruise_m_s, pace.acceleration_m_s2)
+    positions, headings = looks(scenario, line, yaws)
     if triggered and "heading_deg" not in scenario["sensor"]:
         headings[0] = there
-    return places, headings
+    return positions, headings
 
 
 def _px4_looks(scenario, route, reached, there):
@@ -165,17 +165,17 @@ def _px4_looks(scenario, route, reached, there):
     if not _turns(sensor):
         return looks(scenario, line)
     cruise_m_s, acceleration_m_s2 = vehicle["cruise_speed_m_s"], vehicle.get("acceleration_m_s2", 3.0)
-    ways, lengths_m = [], []
+    paths, lengths_m = [], []
     for k in range(len(route) - 1):
         is_upright = math.dist(line[k][:2], line[k + 1][:2]) == 0.0
-        ways.append((0.0, 0.0) if is_upright else (route[k + 1] - reached[k])[:2])
+        paths.append((0.0, 0.0) if is_upright else (route[k + 1] - reached[k])[:2])
         lengths_m.append(math.dist(reached[k], reached[k + 1]))
     begins = px4_begins(route, there, cruise_m_s, acceleration_m_s2)
-    legs = np.zeros(len(ways))
-    finer, noses = turning(
+    legs = np.zeros(len(paths))
+    finer, yaws = turning(
         line,
         legs,
-        ways,
+        paths,
         begins,
         there,
         cruise_m_s,
@@ -183,10 +183,10 @@ def _px4_looks(scenario, route, reached, there):
         lengths_m=lengths_m,
         yaw_acceleration_deg_s2=20.0,
     )  # MPC_YAWRAUTO_ACC
-    places, headings = looks(scenario, finer, noses)
-    if picture_distance_m(scenario) is not None:
+    positions, headings = looks(scenario, finer, yaws)
+    if photo_distance_m(scenario) is not None:
         headings[0] = there / np.linalg.norm(there)
-    return places, headings
+    return positions, headings
 
 
 def _turns(sensor):
@@ -198,20 +198,20 @@ def _looks_from_waypoints(sensor):
     return sensor.get("sensing", "along-path" if "camera" in sensor["kind"] else "at-waypoints") == "at-waypoints"
 
 
-def looks(scenario, route, noses=None):
+def looks(scenario, route, yaws=None):
     """Where the sensor looks from, and its headings: along each leg, or as it is said of each."""
     sensor = scenario["sensor"]
-    distance_m = picture_distance_m(scenario)
+    distance_m = photo_distance_m(scenario)
     if _looks_from_waypoints(sensor):
-        places, headings = np.asarray(route, dtype=float), np.full((len(route), 2), np.nan)
+        positions, headings = np.asarray(route, dtype=float), np.full((len(route), 2), np.nan)
     elif distance_m is not None:
-        places, headings = trigger(route, distance_m, noses=noses)
+        positions, headings = trigger(route, distance_m, yaws=yaws)
     else:
-        places, headings = along(route, spacing_m(scenario), noses)
+        positions, headings = along(route, spacing_m(scenario), yaws)
     if "heading_deg" in sensor:
-        way = math.radians(sensor["heading_deg"])
-        headings = np.tile([math.sin(way), math.cos(way)], (len(places), 1))
-    return places, headings
+        path = math.radians(sensor["heading_deg"])
+        headings = np.tile([math.sin(path), math.cos(path)], (len(positions), 1))
+    return positions, headings
 
 
 def cells(dem, area, prisms, size_m, fewest=0):
@@ -265,13 +265,13 @@ def _in_view(sensor, ray, normal, heading):
     return near & (depth > 0) & (np.abs(right) <= across * depth) & (np.abs(top) <= upright * depth)
 
 
-def seen(dem, prisms, sensor, centres, normals, places, headings):
+def observed(dem, prisms, sensor, centres, normals, positions, headings):
     """(n,) whether the sensor sees each cell from any of the places."""
-    shares = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+    fractions = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
     found = np.zeros(len(centres), dtype=bool)
     tree = cKDTree(centres[:, :2])
     widest = sensor.get("range_m", sensor.get("radius_m"))
-    for eye, heading in zip(places, headings, strict=True):
+    for eye, heading in zip(positions, headings, strict=True):
         left = np.array(tree.query_ball_point(eye[:2], widest), dtype=int)
         left = left[~found[left]]
         if not len(left):
@@ -280,7 +280,7 @@ def seen(dem, prisms, sensor, centres, normals, places, headings):
         inside = _in_view(sensor, ray, normals[left], heading)
         left, ray = left[inside], ray[inside]
         if sensor["kind"] != "disc":
-            line = eye + shares[None, :, None] * ray[:, None, :]
+            line = eye + fractions[None, :, None] * ray[:, None, :]
             clear = (line[..., 2] - dem.at(line[..., 0], line[..., 1]) >= -_GRAZING_M).all(axis=1)
             for footprint, top in prisms:
                 low = line[..., 2] < top - _GRAZING_M
@@ -345,13 +345,13 @@ def coverage_of(scenario, folder, waypoints, fewest_cells=0):
     centres, normals, areas = cells(dem, ground, prisms, scenario["area"]["cell_size_m"], fewest_cells)
     home = scenario.get("home")
     if home is None or scenario["limits"].get("applies_to") == "waypoints":
-        places, headings = looks(scenario, route)
+        positions, headings = looks(scenario, route)
     else:
         east, north = to_file.transform(home["lon_deg"], home["lat_deg"])
         top = np.array([east, north, float(dem.at(east, north)) + scenario["vehicle"]["takeoff_height_m"]])
-        places, headings = flown_looks(scenario, route, top)
-    shown = seen(dem, prisms, scenario["sensor"], centres, normals, places, headings)
-    return float(areas[shown].sum() / areas.sum()), len(places)
+        positions, headings = flown_looks(scenario, route, top)
+    shown = observed(dem, prisms, scenario["sensor"], centres, normals, positions, headings)
+    return float(areas[shown].sum() / areas.sum()), len(positions)
 
 
 def true_coverage(run):

@@ -5,11 +5,11 @@ import numpy as np
 
 def best_between(a, b, discs, steps=4_000):
     """Length of the way from a to b over the best place that was tried; infinite where none is in all discs."""
-    share = np.linspace(0.0, 1.0, steps)[:, None]
+    fraction = np.linspace(0.0, 1.0, steps)[:, None]
     angle = np.linspace(0.0, 2.0 * np.pi, steps)
-    tried = [np.array(a) + share * (np.array(b) - np.array(a))]
+    tried = [np.array(a) + fraction * (np.array(b) - np.array(a))]
     tried += [np.column_stack([e + r * np.cos(angle), n + r * np.sin(angle)]) for e, n, r in discs]
-    places = np.vstack(tried)
+    positions = np.vstack(tried)
     for e, n, r in discs:
-        places = places[np.hypot(places[:, 0] - e, places[:, 1] - n) <= r * (1.0 + 1e-12)]
-    return min((np.hypot(*(places - a).T) + np.hypot(*(places - b).T)).tolist(), default=np.inf)
+        positions = positions[np.hypot(positions[:, 0] - e, positions[:, 1] - n) <= r * (1.0 + 1e-12)]
+    return min((np.hypot(*(positions - a).T) + np.hypot(*(positions - b).T)).tolist(), default=np.inf)

@@ -26,23 +26,23 @@ def best_open_tour_length(points, first):
 
 def shortest_between(along, lower, upper, first):
     """Length of the shortest line between two bounds: Dijkstra's over the ends of both that see each other. O(n^3)."""
-    places = [
+    positions = [
         (along[0], first),
         *((x, z) for x, ends in zip(along[1:], zip(lower[1:], upper[1:], strict=True), strict=True) for z in ends),
     ]
 
-    def sees(p, q):
-        share = [(x - p[0]) / (q[0] - p[0]) for x in along]
+    def observes(p, q):
+        fraction = [(x - p[0]) / (q[0] - p[0]) for x in along]
         return all(
             low - 1e-9 <= p[1] + t * (q[1] - p[1]) <= high + 1e-9
-            for t, low, high in zip(share, lower, upper, strict=True)
+            for t, low, high in zip(fraction, lower, upper, strict=True)
             if 0.0 < t < 1.0
         )
 
-    best = {places[0]: 0.0}
-    for q in places[1:]:  # from left to right
-        best[q] = min((best[p] + math.dist(p, q) for p in best if p[0] < q[0] and sees(p, q)), default=math.inf)
-    return min(best[place] for place in places if place[0] == along[-1])
+    best = {positions[0]: 0.0}
+    for q in positions[1:]:  # from left to right
+        best[q] = min((best[p] + math.dist(p, q) for p in best if p[0] < q[0] and observes(p, q)), default=math.inf)
+    return min(best[position] for position in positions if position[0] == along[-1])
 
 
 def distance_to_polyline(point, polyline):

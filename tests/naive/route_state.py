@@ -17,11 +17,11 @@ def segment_observations(sensing, route, spacing):
 def list_cells(surface, sight, cells, observations):
     """Numbers of the cells that any of the observations along one leg sees; the vehicle heads along it."""
     heading = [b - a for a, b in zip(observations[0][:2], observations[-1][:2], strict=True)]
-    places = zip(cells.centre_m.tolist(), cells.normal.tolist(), strict=True)
+    positions = zip(cells.centre_m.tolist(), cells.normal.tolist(), strict=True)
     return {
         number
-        for number, (centre, normal) in enumerate(places)
-        if any(naive_coverage.sees(surface, sight, look, centre, normal, heading) for look in observations)
+        for number, (centre, normal) in enumerate(positions)
+        if any(naive_coverage.observes(surface, sight, look, centre, normal, heading) for look in observations)
     }
 
 
@@ -31,8 +31,8 @@ def surely_shown(surface, sight, cells, p, q, trigger, steps=40):
     Its middle is on the leg, its ends may be beyond it, straight on. Stretches begin in small steps; the leg is not vertical.
     """
     heading = [q[0] - p[0], q[1] - p[1]]
-    share = 0.5 * trigger / math.hypot(*heading)
-    long = max(1, math.ceil(steps / (2 * share)))
+    fraction = 0.5 * trigger / math.hypot(*heading)
+    long = max(1, math.ceil(steps / (2 * fraction)))
 
     def at(t):
         return [a + t * (b - a) for a, b in zip(p, q, strict=True)]
@@ -40,8 +40,8 @@ def surely_shown(surface, sight, cells, p, q, trigger, steps=40):
     found = set()
     for number, (centre, normal) in enumerate(zip(cells.centre_m.tolist(), cells.normal.tolist(), strict=True)):
         for k in range(long + 1):
-            looks = [at(k / long + share * s) for s in (-1.0, 1.0, 0.0, -0.5, 0.5)]
-            if all(naive_coverage.sees(surface, sight, look, centre, normal, heading) for look in looks):
+            looks = [at(k / long + fraction * s) for s in (-1.0, 1.0, 0.0, -0.5, 0.5)]
+            if all(naive_coverage.observes(surface, sight, look, centre, normal, heading) for look in looks):
                 found.add(number)
                 break
     return found
@@ -53,8 +53,8 @@ def counts(problem, route):
     for observations in segment_observations(problem.sensing, [tuple(point) for point in route], problem.spacing_m):
         for cell in list_cells(problem.surface, problem.sight, problem.cells, observations):
             found[cell] += 1
-    shares = problem.weight[problem.square].tolist()
-    return found, sum(weight for weight, count in zip(shares, found, strict=True) if count >= problem.needed)
+    fractions = problem.weight[problem.square].tolist()
+    return found, sum(weight for weight, count in zip(fractions, found, strict=True) if count >= problem.needed)
 
 
 def inside_ring(ring, east, north):

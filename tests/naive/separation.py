@@ -3,15 +3,15 @@
 import math
 
 
-def place_at(times: list[float], places: list[tuple[float, float, float]], t: float) -> tuple[float, ...]:
+def position_at(times: list[float], positions: list[tuple[float, float, float]], t: float) -> tuple[float, ...]:
     """Straight between two samples; where it was first, or last, outside of them."""
     if t <= times[0]:
-        return places[0]
+        return positions[0]
     for k in range(1, len(times)):
         if t <= times[k]:
-            share = 1.0 if times[k] == times[k - 1] else (t - times[k - 1]) / (times[k] - times[k - 1])
-            return tuple(a + share * (b - a) for a, b in zip(places[k - 1], places[k], strict=True))
-    return places[-1]
+            fraction = 1.0 if times[k] == times[k - 1] else (t - times[k - 1]) / (times[k] - times[k - 1])
+            return tuple(a + fraction * (b - a) for a, b in zip(positions[k - 1], positions[k], strict=True))
+    return positions[-1]
 
 
 def least_distance(one: tuple, other: tuple, *, moments: int, shift_s: float = 0.0) -> tuple[float, float]:
@@ -20,5 +20,5 @@ def least_distance(one: tuple, other: tuple, *, moments: int, shift_s: float = 0
     best = (math.inf, begin)
     for k in range(moments + 1):
         t = begin + (end - begin) * k / moments
-        best = min(best, (math.dist(place_at(*one, t), place_at(*other, t + shift_s)), t))
+        best = min(best, (math.dist(position_at(*one, t), position_at(*other, t + shift_s)), t))
     return best

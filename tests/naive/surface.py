@@ -22,7 +22,7 @@ def on_grid(frame, east, north, up, number=Fraction):
     )
 
 
-def _place(nodes, frame, east, north, up, number=Fraction):
+def _position(nodes, frame, east, north, up, number=Fraction):
     """Row and column of the cell, and where in it; None outside."""
     u, v = on_grid(frame, east, north, up, number)
     rows, columns = len(nodes), len(nodes[0])
@@ -41,8 +41,8 @@ def _bilinear(nodes, i, j, u, v, number=Fraction):
 
 
 def height_above(nodes, frame, east, north, up, number=Fraction):
-    place = _place(nodes, frame, east, north, up, number)
-    z = None if place is None else _bilinear(nodes, *place, number)
+    position = _position(nodes, frame, east, north, up, number)
+    z = None if position is None else _bilinear(nodes, *position, number)
     return math.nan if z is None else float(number(up) - z)
 
 
@@ -67,10 +67,10 @@ def height(nodes, frame, east, north, number=Fraction):
 
 def gradient(nodes, frame, east, north):
     """On a square grid."""
-    place = _place(nodes, frame, east, north, 0)
-    if place is None or _bilinear(nodes, *place) is None:
+    position = _position(nodes, frame, east, north, 0)
+    if position is None or _bilinear(nodes, *position) is None:
         return math.nan, math.nan
-    i, j, u, v = place
+    i, j, u, v = position
     step = Fraction(frame.scale_m)
     to_east = _bilinear(nodes, i, j, Fraction(1), v) - _bilinear(nodes, i, j, Fraction(0), v)
     to_north = _bilinear(nodes, i, j, u, Fraction(1)) - _bilinear(nodes, i, j, u, Fraction(0))
@@ -82,8 +82,8 @@ def height_range_above(nodes, frame, p, q, number=Fraction):
     if not all(math.isfinite(x) for x in (*p, *q)):
         return math.nan, math.nan
     pieces = max(1, math.ceil(math.dist(p, q) / frame.piece_m))
-    places = [[a + k / pieces * (b - a) for a, b in zip(p, q, strict=True)] for k in range(pieces)] + [q]
-    ranges = [_range_of_piece(nodes, frame, a, b, number) for a, b in itertools.pairwise(places)]
+    positions = [[a + k / pieces * (b - a) for a, b in zip(p, q, strict=True)] for k in range(pieces)] + [q]
+    ranges = [_range_of_piece(nodes, frame, a, b, number) for a, b in itertools.pairwise(positions)]
     if any(math.isnan(low) for low, _ in ranges):
         return math.nan, math.nan
     return min(low for low, _ in ranges), max(high for _, high in ranges)
@@ -91,7 +91,7 @@ def height_range_above(nodes, frame, p, q, number=Fraction):
 
 def _range_of_piece(nodes, frame, p, q, number):
     """Every parabola between two node lines, one by one."""
-    if _place(nodes, frame, *p, number) is None or _place(nodes, frame, *q, number) is None:
+    if _position(nodes, frame, *p, number) is None or _position(nodes, frame, *q, number) is None:
         return math.nan, math.nan
     (u0, v0), (u1, v1) = (on_grid(frame, *point, number) for point in (p, q))
     z0, z1 = number(p[2]), number(q[2])

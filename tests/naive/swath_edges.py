@@ -14,9 +14,9 @@ def side_reach(surface, sight, east, north, up, ce, cn, slope, steps=400):
         away = farthest * k / steps
         drop = up + slope * ahead - height(surface, east + away * ce, north + away * cn)
         beside = np.hypot(away, ahead)
-        seen = np.hypot(beside, drop) <= sight.reach_m
+        observed = np.hypot(beside, drop) <= sight.reach_m
         if sight.kind == CONE:
-            seen &= beside <= drop * sight.tan_half_fov
-        if not seen.any():
+            observed &= beside <= drop * sight.tan_half_fov
+        if not observed.any():
             return away
     return farthest

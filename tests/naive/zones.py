@@ -4,9 +4,9 @@ import numpy as np
 import shapely
 
 
-def in_zone(zone, place, *, height_agl_m, alt_amsl_m, margin_m=0.0, height_margin_m=0.0):
+def in_zone(zone, position, *, height_agl_m, alt_amsl_m, margin_m=0.0, height_margin_m=0.0):
     """Whether one place is in a zone, by the words of the scenario's reference."""
-    east, north = place[:2]
+    east, north = position[:2]
     if zone.circle is not None:
         if np.hypot(east - zone.circle[0], north - zone.circle[1]) >= zone.circle[2] + margin_m:
             return False
@@ -23,9 +23,9 @@ def in_zone(zone, place, *, height_agl_m, alt_amsl_m, margin_m=0.0, height_margi
 def enters(zone, ground, p, q, *, alt_offset_m, samples=4001, **margins):
     """Whether any of many places along the line p-q is in the zone. Straight up from a flat or sloping plane."""
     t = np.linspace(0.0, 1.0, samples)
-    places = np.asarray(p) + t[:, None] * (np.asarray(q) - np.asarray(p))
-    heights = places[:, 2] - ground(places[:, 0], places[:, 1])
+    positions = np.asarray(p) + t[:, None] * (np.asarray(q) - np.asarray(p))
+    heights = positions[:, 2] - ground(positions[:, 0], positions[:, 1])
     return any(
-        in_zone(zone, place, height_agl_m=height, alt_amsl_m=place[2] + alt_offset_m, **margins)
-        for place, height in zip(places, heights, strict=True)
+        in_zone(zone, position, height_agl_m=height, alt_amsl_m=position[2] + alt_offset_m, **margins)
+        for position, height in zip(positions, heights, strict=True)
     )

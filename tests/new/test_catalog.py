@@ -60,9 +60,9 @@ def diagonal_mm(camera):
 def test_what_a_sheet_states_beside_sensor_and_lens_agrees_with_them():
     found = 0
     for camera in BODIES.values():
-        for words, (given, share) in STATED.items():
+        for words, (given, fraction) in STATED.items():
             for stated in re.findall(words, camera.source):
-                assert given(camera) == pytest.approx(float(stated), rel=share), (camera.name, stated)
+                assert given(camera) == pytest.approx(float(stated), rel=fraction), (camera.name, stated)
                 found += 1
     assert found >= 25
 

@@ -5,7 +5,7 @@ import rasterio
 
 from tests.scenario.surface_files import write_models
 from uavcover.errors import TerrainError
-from uavcover.new.elevation_questions import bands_in_words, feet_in_words, shading_in_words, surface_in_words
+from uavcover.new.elevation_questions import bands_text, feet_text, shading_text, surface_text
 from uavcover.terrain.terrain_source import TerrainSource
 
 SURFACES = {
@@ -34,24 +34,24 @@ OTHERS = [
 
 @pytest.mark.parametrize("name", SURFACES)
 def test_a_surface_model_is_noticed_by_its_name(tmp_path, name):
-    assert SURFACES[name] in surface_in_words(TerrainSource((tmp_path / name,)))
+    assert SURFACES[name] in surface_text(TerrainSource((tmp_path / name,)))
 
 
 @pytest.mark.parametrize("name", OTHERS)
 def test_other_names_are_no_alarm(tmp_path, name):
-    assert surface_in_words(TerrainSource((tmp_path / name,))) is None
+    assert surface_text(TerrainSource((tmp_path / name,))) is None
 
 
 def test_metadata_tell_too(tmp_path):
     ground = write_models(tmp_path).ground
     source = TerrainSource((ground.rename(tmp_path / "heights.tif"),))
-    assert surface_in_words(source) is None
+    assert surface_text(source) is None
     with rasterio.open(source.files[0], "r+") as file:
         file.update_tags(TIFFTAG_IMAGEDESCRIPTION="Digital Surface Model, 1 m")
-    assert surface_in_words(source) == 'its metadata contains "Surface Model"'
+    assert surface_text(source) == 'its metadata contains "Surface Model"'
     with rasterio.open(source.files[0], "r+") as file:
         file.update_tags(TIFFTAG_IMAGEDESCRIPTION="Digital Terrain Model; the surface model is sold apart")
-    assert surface_in_words(source) is None
+    assert surface_text(source) is None
 
 
 @pytest.mark.parametrize(
@@ -63,33 +63,32 @@ def test_metadata_tell_too(tmp_path):
 )  # fmt: skip
 def test_feet_are_asked_about(tmp_path, name, word):
     path = write_models(tmp_path).ground.rename(tmp_path / name)
-    assert feet_in_words(TerrainSource((path,))) == (None if word is None else f'its name contains "{word}"')
-    assert feet_in_words(TerrainSource((path,), height_unit="m")) is None
+    assert feet_text(TerrainSource((path,))) == (None if word is None else f'its name contains "{word}"')
+    assert feet_text(TerrainSource((path,), height_unit="m")) is None
 
 
 def test_feet_in_metadata_are_asked_about_unless_the_file_states_its_unit(tmp_path):
     path = write_models(tmp_path).ground
     with rasterio.open(path, "r+") as file:
         file.update_tags(TIFFTAG_IMAGEDESCRIPTION="LiDAR bare earth, US survey feet")
-    assert feet_in_words(TerrainSource((path,))) == 'its metadata contains "feet"'
+    assert feet_text(TerrainSource((path,))) == 'its metadata contains "feet"'
     with rasterio.open(path, "r+") as file:
         file.units = ("m",)
-    assert feet_in_words(TerrainSource((path,))) is None
+    assert feet_text(TerrainSource((path,))) is None
 
 
 def test_pictures_of_heights_are_asked_about(tmp_path):
     ground = write_models(tmp_path).ground
-    assert shading_in_words(TerrainSource((ground,))) is None
+    assert shading_text(TerrainSource((ground,))) is None
     assert (
-        shading_in_words(TerrainSource((ground.rename(tmp_path / "hillshade_10m.tif"),)))
-        == 'its name contains "hillshade"'
+        shading_text(TerrainSource((ground.rename(tmp_path / "hillshade_10m.tif"),))) == 'its name contains "hillshade"'
     )
     with rasterio.open(tmp_path / "hillshade_10m.tif") as file:
         values, profile = file.read(1), file.profile
     with rasterio.open(tmp_path / "dem.tif", "w", **{**profile, "dtype": "uint8", "nodata": None}) as file:
         file.write((values % 250).astype("uint8"), 1)
-    assert shading_in_words(TerrainSource((tmp_path / "dem.tif",))) == "dem.tif has 8 bits (0 to 255), like an image"
-    assert shading_in_words(TerrainSource((tmp_path / "none.tif",))) is None
+    assert shading_text(TerrainSource((tmp_path / "dem.tif",))) == "dem.tif has 8 bits (0 to 255), like an image"
+    assert shading_text(TerrainSource((tmp_path / "none.tif",))) is None
 
 
 def test_bands_beside_the_first_are_told_and_a_better_name_is_a_question(tmp_path):
@@ -106,10 +105,10 @@ def test_bands_beside_the_first_are_told_and_a_better_name_is_a_question(tmp_pat
                     file.set_band_description(number, name)
         return TerrainSource((path,), band=band)
 
-    assert bands_in_words(source("")) is None
-    assert bands_in_words(source("", "")) == "1 without a name, 2 without a name"
-    assert bands_in_words(source("", "", band="2")) is None
-    assert bands_in_words(source("Height", "Elevation uncertainty")) == "1 Height, 2 Elevation uncertainty"
+    assert bands_text(source("")) is None
+    assert bands_text(source("", "")) == "1 without a name, 2 without a name"
+    assert bands_text(source("", "", band="2")) is None
+    assert bands_text(source("Height", "Elevation uncertainty")) == "1 Height, 2 Elevation uncertainty"
     with source("slope", "Elevation").opened() as dataset, pytest.raises(TerrainError) as ended:
         source("slope", "Elevation").band_of(dataset)
     assert str(ended.value).endswith(

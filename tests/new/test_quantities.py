@@ -28,10 +28,10 @@ def test_a_quantity_that_is_not_understood(text):
 
 
 @pytest.mark.parametrize(
-    ("text", "shares"), [("75/70", (0.75, 0.7)), ("80", (0.8, 0.8)), ("75%/60%", (0.75, 0.6)), ("75,70", (0.75, 0.7))]
+    ("text", "fractions"), [("75/70", (0.75, 0.7)), ("80", (0.8, 0.8)), ("75%/60%", (0.75, 0.6)), ("75,70", (0.75, 0.7))]
 )  # fmt: skip
-def test_overlaps(text, shares):
-    assert quantities.overlaps(text) == pytest.approx(shares)
+def test_overlaps(text, fractions):
+    assert quantities.overlaps(text) == pytest.approx(fractions)
 
 
 @pytest.mark.parametrize("text", ["", "75/70/60", "a/b", "100/70", "-5", "0.75/0.7", "nan"])

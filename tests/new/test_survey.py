@@ -25,7 +25,7 @@ def test_a_mavic_3_enterprise_on_level_ground():
     found = design()
     assert found.gsd_height_m == pytest.approx(93.77, abs=0.01)
     assert (found.min_height_agl_m, found.max_height_agl_m) == (71.0, 93.7)
-    assert found.picture_distance_m == pytest.approx(0.25 * 71.0 * 13.0 / 12.29)
+    assert found.photo_distance_m == pytest.approx(0.25 * 71.0 * 13.0 / 12.29)
     assert found.line_distance_m == pytest.approx(0.3 * 0.5 * (71.0 + 93.7) * 17.3 / 12.29)
     assert found.speed_m_s == 10.0
     assert not found.is_capped
@@ -58,7 +58,7 @@ def test_the_speed_obeys_the_camera():
     camera = CAMERAS.named("dji-mini-3-pro")  # a picture every 2 s
     found = design(camera=camera)
     assert found.speed_m_s < 10.0
-    assert found.picture_distance_m / found.speed_m_s >= 2.0 * 1.1
+    assert found.photo_distance_m / found.speed_m_s >= 2.0 * 1.1
     assert "the 2 s interval of dji-mini-3-pro" in found.speed_reason
     with pytest.raises(InputError, match=r"^--speed: .* a coarser --gsd or a lower --speed"):
         design(camera=camera, speed_m_s=10.0)
@@ -109,7 +109,7 @@ def test_every_camera_has_a_band_that_can_be_planned_in(camera):
         )
         assert found.range_m > found.max_height_agl_m * math.hypot(1.0, half)
         if body.min_interval_s is not None:
-            assert found.picture_distance_m / found.speed_m_s >= body.min_interval_s
+            assert found.photo_distance_m / found.speed_m_s >= body.min_interval_s
 
 
 def test_no_margin_and_another():

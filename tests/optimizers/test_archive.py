@@ -33,20 +33,20 @@ def batches(draw):
 
 @settings(derandomize=True, deadline=None, max_examples=60)
 @given(st.lists(batches(), min_size=1, max_size=4), st.integers(1, 6))
-def test_never_keeps_a_dominated_or_repeated_point_nor_more_than_its_capacity(told, capacity):
+def test_never_keeps_a_dominated_or_repeated_point_nor_more_than_its_capacity(reported, capacity):
     archive = archive_of(capacity)
-    seen = []
-    for batch in told:
+    observed = []
+    for batch in reported:
         archive = archive.with_evaluated(batch)
-        seen += zip(batch.objectives.tolist(), batch.total_violation.tolist(), strict=True)
+        observed += zip(batch.objectives.tolist(), batch.total_violation.tolist(), strict=True)
         kept = list(zip(archive.solutions.objectives.tolist(), archive.solutions.total_violation.tolist(), strict=True))
         assert 1 <= len(kept) <= capacity
         assert not any(dominates(*p, *q) for p in kept for q in kept)
         rows = np.hstack([archive.solutions.x, archive.solutions.objectives]).tolist()
         assert len(rows) == len({tuple(row) for row in rows})
         assert len({violation for _, violation in kept}) == 1
-    if len(told) == 1:  # without earlier thinning nothing that was ever told dominates what is kept
-        assert not any(dominates(*p, *q) for p in seen for q in kept)
+    if len(reported) == 1:  # without earlier thinning nothing that was ever told dominates what is kept
+        assert not any(dominates(*p, *q) for p in observed for q in kept)
 
 
 def test_equal_objectives_with_different_x_are_different_answers():

@@ -100,19 +100,19 @@ def test_the_archive_never_holds_a_dominated_point_over_a_long_run(name, functio
 
 @pytest.mark.parametrize(("name", "move"), [("mogwo", "encircle"), ("mowoa", "swim")])
 def test_a_falls_from_two_to_nought(monkeypatch, name, move):
-    seen = {}
+    observed = {}
     optimizer = ALGORITHMS[name]([0.0], [2.0], n_objectives=2, population_size=4, max_iterations=100, seed=1)
     original = getattr(rivals, move)
 
     def watched(*positions, a, **others):
-        seen[optimizer.iteration] = a
+        observed[optimizer.iteration] = a
         return original(*positions, a=a, **others)
 
     monkeypatch.setattr(rivals, move, watched)
     while not optimizer.should_stop:
         optimizer.tell(two_spheres(optimizer.ask()))
-    assert sorted(seen) == list(range(1, 100))  # round 0 samples
-    assert [seen[t] for t in (1, 50, 99)] == pytest.approx([1.98, 1.0, 0.02])
+    assert sorted(observed) == list(range(1, 100))  # round 0 samples
+    assert [observed[t] for t in (1, 50, 99)] == pytest.approx([1.98, 1.0, 0.02])
 
 
 @pytest.mark.parametrize(
@@ -122,13 +122,13 @@ def test_a_falls_from_two_to_nought(monkeypatch, name, move):
         (
             "moead",
             {
-                "neighbourhood_share": 0.1,
-                "replaced_share": 0.01,
+                "neighbourhood_fraction": 0.1,
+                "replaced_fraction": 0.01,
                 "neighbour_mating_probability": 0.9,
                 "distribution_index": 30,
             },
         ),
-        ("mossa", {"safety_threshold": 0.8, "aware_share": 0.1, "producer_share": 0.2}),
+        ("mossa", {"safety_threshold": 0.8, "aware_fraction": 0.1, "producer_fraction": 0.2}),
         ("mogwo", {"n_grid": 10, "grid_inflation": 0.1, "leader_pressure": 10.0}),
         ("modbo", {"theft_constant": 0.25}),  # K = b = 0.2: test_dung_beetle
         ("imodbo", {"theft_constant": 0.25}),
@@ -141,7 +141,7 @@ def test_parameters_are_those_of_table_2(name, parameters):
 class TestOsyczkaAndKundu:
     """OSY has six constraints and a front in five pieces; few algorithms find all of it."""
 
-    def front_share(self, f):
+    def front_fraction(self, f):
         # The five pieces of the front (Deb, "Multi-objective optimization using evolutionary algorithms", 2001); pymoo would
         # download its own.
         t = np.linspace(0.0, 1.0, 50)
@@ -168,7 +168,7 @@ class TestOsyczkaAndKundu:
         result = minimize(get_problem("osy"), UavcoverAlgorithm(name, population_size=50), ("n_gen", 100), seed=1)
         assert (result.G <= 0).all()
         assert np.allclose(get_problem("osy").evaluate(result.X, return_values_of=["G"]), result.G)
-        assert self.front_share(result.F) > limit
+        assert self.front_fraction(result.F) > limit
 
     @pytest.mark.no_cover
     def test_nsga2_in_ours_does_as_well_as_in_pymoo(self):
@@ -176,4 +176,4 @@ class TestOsyczkaAndKundu:
         theirs = minimize(get_problem("osy"), NSGA2(pop_size=50), ("n_gen", 100), seed=2)
         assert ours.feasible
         assert (ours.violations <= 0).all()
-        assert self.front_share(ours.objectives) > 0.8 * self.front_share(theirs.F) > 0.7
+        assert self.front_fraction(ours.objectives) > 0.8 * self.front_fraction(theirs.F) > 0.7

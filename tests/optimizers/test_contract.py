@@ -230,15 +230,15 @@ def test_constraints_are_kept_once_a_feasible_point_is_known(algorithm):
 
 def test_without_a_feasible_point_the_least_violating_is_returned(algorithm):
     optimizer = build(algorithm, n_constraints=1)
-    seen = []
+    observed = []
     while not optimizer.should_stop:
         x = optimizer.ask()
         violations = 1.0 + x[:, :1] ** 2
-        seen += violations.ravel().tolist()
+        observed += violations.ravel().tolist()
         optimizer.tell(objectives_of(algorithm)(x), violations)
     result = optimizer.pareto_set()
     assert not result.feasible
-    assert (result.violations == min(seen)).all()
+    assert (result.violations == min(observed)).all()
 
 
 @pytest.mark.no_cover

@@ -239,8 +239,8 @@ def test_neighbours_begin_with_the_row_itself():
 def test_the_pool_keeps_to_its_capacity_and_to_the_least_violation():
     x = np.linspace(0.0, 1.0, 50)[:, None]
     violations = np.where(x < 0.5, 1.0, -1.0)
-    told = Solutions(x, np.hstack([x, 1 - x]), violations)
-    pool = NichePool(Solutions.none(1, 2, 1), np.empty((0, 1)), np.ones(1), 0.1, 12).with_evaluated(told, x, np.inf)
+    reported = Solutions(x, np.hstack([x, 1 - x]), violations)
+    pool = NichePool(Solutions.none(1, 2, 1), np.empty((0, 1)), np.ones(1), 0.1, 12).with_evaluated(reported, x, np.inf)
     assert 6 <= len(pool) <= 12
     assert (pool.solutions.x >= 0.5).all()
     assert pool.spacing > 0

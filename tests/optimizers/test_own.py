@@ -77,7 +77,7 @@ class Scripted:
         return self.rng.uniform(self.lower, self.upper, (self.n, len(self.lower)))
 
     def tell(self, objectives, violations):
-        self.told = objectives, violations
+        self.reported = objectives, violations
 
 
 class TestNames:

@@ -68,11 +68,11 @@ def test_no_move_changes_its_arguments():
     rng = np.random.default_rng(0)
     x, leader, other = (rng.random((6, 3)) for _ in range(3))
     before = [array.copy() for array in (x, leader, other)]
-    place = np.arange(1, 7)
+    position = np.arange(1, 7)
     encircle(x, leader, a=1.0, rng=rng)
     swim(x, leader, other, a=1.0, spiral=1.0, rng=rng)
-    produce(x, place, threshold=0.8, t_max=9, rng=rng)
-    scrounge(x, place, leader, other, n=6, rng=rng)
-    beware(x, place, leader, other, depth=2, rng=rng)
+    produce(x, position, threshold=0.8, t_max=9, rng=rng)
+    scrounge(x, position, leader, other, n=6, rng=rng)
+    beware(x, position, leader, other, depth=2, rng=rng)
     assert all((now == then).all() for now, then in zip((x, leader, other), before, strict=True))
-    assert place.tolist() == [1, 2, 3, 4, 5, 6]
+    assert position.tolist() == [1, 2, 3, 4, 5, 6]

@@ -35,8 +35,8 @@ def test_threads_change_nothing_and_a_stop_leaves_the_first(make: Callable[..., 
     routes = make(site, 0.3)
     with ThreadPoolExecutor(2) as executor:
         assert equal(make(site, 0.3, executor=executor), routes)
-        asked = iter([False, False])
-        some = make(site, 0.3, executor=executor, should_stop=lambda: next(asked, True))
+        required = iter([False, False])
+        some = make(site, 0.3, executor=executor, should_stop=lambda: next(required, True))
     first = make(site, 0.3, should_stop=lambda: True)
     assert 0 < len(first) < len(some) < len(routes)
     assert equal(first, routes[: len(first)])

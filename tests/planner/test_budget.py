@@ -4,16 +4,16 @@ import logging
 
 import pytest
 
-from uavcover.planner.budget import SHARES, StageTimes
+from uavcover.planner.budget import FRACTIONS, StageTimes
 
 
 def test_shares_are_shares():
-    for field in dataclasses.fields(SHARES):
-        value = getattr(SHARES, field.name)
-        for share in value if isinstance(value, tuple) else (value,):
-            assert 0.0 < share <= 1.0 or field.name == "simplified_until"
-    assert sum(SHARES.part_rounds) == pytest.approx(1.0)
-    for stages in (SHARES.goal_main_stages, SHARES.goal_stages, SHARES.goal_waypoint_stages):
+    for field in dataclasses.fields(FRACTIONS):
+        value = getattr(FRACTIONS, field.name)
+        for fraction in value if isinstance(value, tuple) else (value,):
+            assert 0.0 < fraction <= 1.0 or field.name == "simplified_until"
+    assert sum(FRACTIONS.part_rounds) == pytest.approx(1.0)
+    for stages in (FRACTIONS.goal_main_stages, FRACTIONS.goal_stages, FRACTIONS.goal_waypoint_stages):
         assert all(before < after for before, after in itertools.pairwise(stages))
         assert stages[-1] == 1.0
 

@@ -41,10 +41,10 @@ def test_plan_and_gap_mission_together_reach_the_planned_coverage(flight: Flight
     assert length_m(mission.compiled.path_m) < 0.5 * length_m(first.path_m)
     assert site.home_m is not None
     path = np.vstack([site.home_m, mission.compiled.path_m, site.home_m])
-    count = len(mission.closing.route)
-    closing = fly_along(site, path, first=mission.compiled.first_waypoint_item, count=count)
-    planned = PlannedRoute(mission.closing.route.waypoints_m, 0.0)
-    both = judge_tracks(site, [torn, (closing, planned)]).report
+    count = len(mission.repair.route)
+    repair = fly_along(site, path, first=mission.compiled.first_waypoint_item, count=count)
+    planned = PlannedRoute(mission.repair.route.waypoints_m, 0.0)
+    both = judge_tracks(site, [torn, (repair, planned)]).report
     assert both.coverage_fraction >= promised
     assert both.violations == ()
     assert both.coverage_of_coverable == pytest.approx(mission.coverage_after, abs=0.005)

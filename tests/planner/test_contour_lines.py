@@ -140,7 +140,7 @@ def test_they_are_baselines_by_request_and_a_start_of_the_search():
     coverage = planning_map(site)
     batches = iter([False, False, True])
     found = constructed_routes(
-        coverage, site.scenario.planner, asked=0.95, executor=None,
+        coverage, site.scenario.planner, required=0.95, executor=None,
         left_s=lambda: 0.0 if next(batches, True) else 1.0,
     )  # fmt: skip
     assert [each.name for each in found][:1] == ["boustrophedon"]

@@ -34,7 +34,7 @@ def site_of(folder: Path, area: shapely.Geometry, *, zones: bool = False) -> Sit
             for k, ring in enumerate(area.interiors)
         )
     return load_site(
-        str(write_kind(folder, Kind(flat, area), name="shape", asked=1.0, sensor=SENSORS["nadir"], more=more))
+        str(write_kind(folder, Kind(flat, area), name="shape", required=1.0, sensor=SENSORS["nadir"], more=more))
     )
 
 
@@ -45,8 +45,8 @@ def test_pieces_see_the_whole_area_on_flat_ground(shape: str, degrees: float, tm
     reach_m, angle = 30.0, math.radians(degrees)
     lines = math.ceil(width_across_m(site, angle) / (2.0 * reach_m))
     pieces = cut_pieces(site, angle, lines=lines, reach_m=reach_m, height_agl_m=60.0, goal=1.0)
-    seen = shapely.union_all(shapely.buffer(shapely.linestrings(pieces.ends_m), reach_m, quad_segs=32))
-    assert shapely.difference(site.area, seen).area < 1e-3 * site.area.area
+    observed = shapely.union_all(shapely.buffer(shapely.linestrings(pieces.ends_m), reach_m, quad_segs=32))
+    assert shapely.difference(site.area, observed).area < 1e-3 * site.area.area
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -94,5 +94,5 @@ def test_the_order_is_the_best_of_all_orders(seed: int, tmp_path: Path) -> None:
     pieces = dataclasses.replace(
         cut_pieces(site, 0.0, lines=3, reach_m=60.0, height_agl_m=60.0, goal=0.0), ends_m=ends_m
     )
-    way_m = np.hypot(*np.diff(ordered_route(site, pieces).waypoints_m[:, :2], axis=0).T).sum()
-    assert way_m == pytest.approx(slow_length_m(ends_m), rel=1e-6)
+    path_m = np.hypot(*np.diff(ordered_route(site, pieces).waypoints_m[:, :2], axis=0).T).sum()
+    assert path_m == pytest.approx(slow_length_m(ends_m), rel=1e-6)

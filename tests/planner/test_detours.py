@@ -17,12 +17,12 @@ LINE = np.array([[0.0, 110.0], [300.0, 110.0]])
 
 def test_only_what_is_too_tall_is_flown_around_on_the_shorter_side() -> None:
     site = make_site(flat, obstacles=Obstacles(prisms=(MAST, LOW), clearance_beside_m=15.0))
-    places, heights = around_obstacles(site, LINE, np.array([60.0, 90.0]), apart_m=0.0)
+    positions, heights = around_obstacles(site, LINE, np.array([60.0, 90.0]), apart_m=0.0)
     # Around the northern end, 140 + 15 m, which is nearer than the southern one; the shed is flown over.
-    assert places[[0, -1]].tolist() == LINE.tolist()
-    assert places[:, 1].max() == pytest.approx(155.05)
-    assert places[:, 1].min() == pytest.approx(110.0)
-    assert shapely.LineString(places).distance(shapely.box(140, 60, 160, 140)) >= 15.0
+    assert positions[[0, -1]].tolist() == LINE.tolist()
+    assert positions[:, 1].max() == pytest.approx(155.05)
+    assert positions[:, 1].min() == pytest.approx(110.0)
+    assert shapely.LineString(positions).distance(shapely.box(140, 60, 160, 140)) >= 15.0
     assert heights[0] == 60.0
     assert heights[-1] == 90.0
     assert (np.diff(heights) > 0.0).all()
@@ -38,15 +38,15 @@ def test_the_other_way_round_is_the_same_way() -> None:
 def test_without_anything_too_tall_the_line_stays_as_it_is() -> None:
     site = make_site(flat, obstacles=Obstacles(prisms=(LOW,)))
     heights = np.array([60.0, 60.0])
-    places, wanted = around_obstacles(site, LINE, heights, apart_m=0.0)
-    assert places is LINE
+    positions, wanted = around_obstacles(site, LINE, heights, apart_m=0.0)
+    assert positions is LINE
     assert wanted is heights
 
 
 def test_corners_too_near_move_out() -> None:
     site = make_site(flat, obstacles=Obstacles(prisms=(MAST,)))
-    places, _ = around_obstacles(site, np.array([[0.0, 100.0], [145.0, 100.0]]), np.array([60.0, 60.0]), apart_m=0.0)
-    assert places[-1].tolist() == pytest.approx([129.95, 100.0])
+    positions, _ = around_obstacles(site, np.array([[0.0, 100.0], [145.0, 100.0]]), np.array([60.0, 60.0]), apart_m=0.0)
+    assert positions[-1].tolist() == pytest.approx([129.95, 100.0])
 
 
 @pytest.mark.parametrize("ups", [flat, hills])

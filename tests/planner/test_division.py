@@ -22,9 +22,9 @@ def test_parts_are_the_area_and_share_its_work(area, home) -> None:
     assert shapely.union_all(parts).symmetric_difference(area).area < 1e-6 * area.area
     for one, other in itertools.combinations(parts, 2):
         assert one.intersection(other).area < 1e-6 * area.area
-    shares = [work.of(part, 1) for part in parts]
+    fractions = [work.of(part, 1) for part in parts]
     # Ways differ from part to part of a piece: work is shared cut by cut.
-    assert max(shares) < (1.01 if home is None else 1.35) * min(shares)
+    assert max(fractions) < (1.01 if home is None else 1.35) * min(fractions)
 
 
 @pytest.mark.parametrize("area", [SQUARE, L_WITH_HOLE, TWO], ids=["square", "L", "two"])
@@ -37,8 +37,8 @@ def test_work_is_shared_in_the_proportions_asked_for(area) -> None:
 
 def test_around_home_every_part_begins_near_it() -> None:
     work = FlightWork(150.0, (1500.0, 1500.0))
-    ways = [work.way_m(part) for part in divide(SQUARE, 4, work)]
-    assert max(ways) < 600.0
+    paths = [work.transit_m(part) for part in divide(SQUARE, 4, work)]
+    assert max(paths) < 600.0
 
 
 def test_one_part_is_the_area() -> None:

@@ -24,11 +24,11 @@ from uavcover.sensing.site_maps import planning_map
 WIDE = ((0.0, 0.0), (900.0, 100.0), (800.0, 700.0), (100.0, 600.0))
 
 
-@pytest.mark.parametrize(("ups", "asked"), [(flat, 0.95), (hills, 0.95), (hills, 0.99)])
-def test_no_spacing_of_the_whole_scan_is_better_and_a_quarter_of_it_finds_that(ups, asked: float) -> None:
+@pytest.mark.parametrize(("ups", "required"), [(flat, 0.95), (hills, 0.95), (hills, 0.99)])
+def test_no_spacing_of_the_whole_scan_is_better_and_a_quarter_of_it_finds_that(ups, required: float) -> None:
     site = make_site(ups, ring=WIDE, cell_m=20.0)
     coverage = planning_map(site)
-    goal = asked * coverage.share(coverage.coverable)
+    goal = required * coverage.fraction(coverage.coverable)
 
     def cost(each) -> float:
         return float(each.objectives[2]) if each.violation <= 0.0 and -each.objectives[0] >= goal else float("inf")
@@ -42,7 +42,7 @@ def test_no_spacing_of_the_whole_scan_is_better_and_a_quarter_of_it_finds_that(u
 def test_the_first_way_is_searched_to_the_fewest_lines_that_reach_the_goal() -> None:
     site = make_site(hills, ring=WIDE, cell_m=20.0)
     coverage = planning_map(site)
-    goal = 0.995 * coverage.share(coverage.coverable)
+    goal = 0.995 * coverage.fraction(coverage.coverable)
     angle, height = long_side_angle_rad(site.area), best_height_agl_m(site)
 
     def reaches(lines: int) -> bool:

@@ -15,12 +15,12 @@ from uavcover.planner.baselines.boustrophedon import fly_layout, regular_layout
 from uavcover.planner.baselines.initial_routes import fly_rows, scanned_rows
 from uavcover.planner.final_choice import ChosenRoute, choose
 from uavcover.planner.front import judge_members
-from uavcover.planner.search.closing import with_viewpoints
+from uavcover.planner.search.repair import with_viewpoints
 from uavcover.planner.selection_rule import parse_rule
 from uavcover.scenario.site import Site
 from uavcover.sensing.site_maps import finer_map, judging_map
 
-ASKED = 0.984
+REQUIRED = 0.984
 
 
 def lines(site: Site, count: int) -> Route:
@@ -31,7 +31,8 @@ def chosen(site: Site, *, most_waypoints: int | None = None) -> ChosenRoute:
     fine = judging_map(site)
     settings = dataclasses.replace(site.scenario.planner, max_waypoints=most_waypoints)
     return choose(
-        fine, settings, parse_rule(f"coverage>={ASKED}"), judge_members(fine, [(lines(site, n), f"{n} lines") for n in (2, 3)]),
+        fine, settings, parse_rule(f"coverage>={REQUIRED}"),
+        judge_members(fine, [(lines(site, n), f"{n} lines") for n in (2, 3)]),
         executor=None, interrupted=False, is_over=lambda: False,
     )  # fmt: skip
 
@@ -42,13 +43,17 @@ def test_the_cheapest_route_that_finer_cells_do_not_confirm_gets_what_it_lacks()
     fine, finer = judging_map(site), finer_map(site)
     assert finer is not None
     two, three = judge_members(fine, [(lines(site, n), "") for n in (2, 3)])
-    assert two.metrics.coverage_of_coverable >= ASKED > finer.share_of_coverable(finer.seen(two.route.waypoints_m))
+    assert (
+        two.metrics.coverage_of_coverable
+        >= REQUIRED
+        > finer.fraction_of_coverable(finer.observed(two.route.waypoints_m))
+    )
     found = chosen(site)
     assert found.rule_met
     assert found.route.origin == "2 lines"
     assert found.route.metrics.cost < 0.95 * three.metrics.cost
     assert found.route.violation == 0.0
-    assert finer.share_of_coverable(finer.seen(found.route.route.waypoints_m)) >= ASKED
+    assert finer.fraction_of_coverable(finer.observed(found.route.route.waypoints_m)) >= REQUIRED
     np.testing.assert_array_equal(found.route.route.waypoints_m[0], two.route.waypoints_m[0])
 
 
@@ -109,7 +114,7 @@ def test_what_lacks_a_little_and_is_much_cheaper_gets_the_rest(reaches: bool) ->
     assert near is not None
     rows = max(
         (fly_rows(site, layout) for layout in scanned_rows(site, most_nodes=40)),
-        key=lambda route: (fine.share_of_coverable(fine.seen(route.waypoints_m)) >= 0.95, route.length_m),
+        key=lambda route: (fine.fraction_of_coverable(fine.observed(route.waypoints_m)) >= 0.95, route.length_m),
     )  # fmt: skip
     members = judge_members(fine, [(near, "near"), *([(rows, "rows")] if reaches else [])])
     found = choose(fine, site.scenario.planner, rule, members, executor=None, interrupted=False, is_over=lambda: False)

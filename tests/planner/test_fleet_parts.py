@@ -80,10 +80,10 @@ def test_each_part_is_flown_by_its_vehicle(planned: RunFolder) -> None:
     for job, part in zip(sorted(planned_jobs(planned, 2), key=lambda job: job.vehicle), (rest, west), strict=True):
         reach_m = 100.0
         inside = part.area.buffer(reach_m)
-        assert all(inside.covers(shapely.Point(place)) for place in job.route.waypoints_m)
+        assert all(inside.covers(shapely.Point(position)) for position in job.route.waypoints_m)
         # It alone sees nearly all of its own part.
         own = judging_map(part)
-        assert own.share_of_coverable(own.seen(job.route.waypoints_m)) > 0.9
+        assert own.fraction_of_coverable(own.observed(job.route.waypoints_m)) > 0.9
 
 
 def test_figures_are_those_of_all_parts_together(planned: RunFolder) -> None:
@@ -95,9 +95,9 @@ def test_figures_are_those_of_all_parts_together(planned: RunFolder) -> None:
     maps = [
         map_for(site, own) for own in vehicle_sites(site)
     ]  # each flies its part at its own speed, round its own corners
-    seen = maps[0].seen(points[:begin]) | maps[1].seen(points[begin:])
+    observed = maps[0].observed(points[:begin]) | maps[1].observed(points[begin:])
     metrics = document["metrics"]
-    assert metrics["coverage_fraction"] == whole.share(seen)
+    assert metrics["coverage_fraction"] == whole.fraction(observed)
     legs_m = np.linalg.norm(np.diff(points, axis=0), axis=1)
     assert metrics["path_length_m"] == pytest.approx(legs_m.sum() - legs_m[begin - 1])
     flown_s = sum(row["flight_time_s"] for row in document["sorties"])
@@ -124,13 +124,13 @@ def test_another_member_is_chosen_and_compiled_part_by_part(planned: RunFolder, 
 
 def test_it_is_flown_and_judged_together(planned: RunFolder, tmp_path: Path) -> None:
     run = copied(planned, tmp_path)
-    _, told = fly(run, Hangar(2, mock), Listener())
-    assert {row["ending"] for row in told["sorties"]} == {"landed"}
+    _, reported = fly(run, Hangar(2, mock), Listener())
+    assert {row["ending"] for row in reported["sorties"]} == {"landed"}
     document = judged(run)
     assert document["verdict"] == "passed", document["reasons"] + document["doubts"]
     assert document["coverage_fraction"] >= document["planned_coverage_fraction"] - 0.005
     content = read_run(run, logs=[])
-    assert content.coverage.share(content.planned_view.seen) == document["planned_coverage_fraction"]
+    assert content.coverage.fraction(content.planned_view.observed) == document["planned_coverage_fraction"]
 
 
 def test_what_a_lost_vehicle_leaves_of_its_part_is_taken_over(planned: RunFolder, tmp_path: Path) -> None:

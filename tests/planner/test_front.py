@@ -34,28 +34,28 @@ def test_a_part_sees_at_least_what_is_said_of_it_and_no_shorter_stretch_is_known
     coverage = CoverageMap(site, cell_size_m=10.0)
     route = lines(site)
     gains = gains_of(coverage, route)
-    assert gains.seen[-1] == pytest.approx(coverage.share(coverage.seen(route.waypoints_m)))
-    assert (np.diff(gains.seen) >= 0.0).all()
+    assert gains.observed[-1] == pytest.approx(coverage.fraction(coverage.observed(route.waypoints_m)))
+    assert (np.diff(gains.observed) >= 0.0).all()
     # Leg by leg: up to each waypoint.
     for k in range(2, len(route) + 1):
-        seen = coverage.share(coverage.seen(route.waypoints_m[:k]))
-        assert gains.seen[k - 1] <= seen + 1e-12
+        observed = coverage.fraction(coverage.observed(route.waypoints_m[:k]))
+        assert gains.observed[k - 1] <= observed + 1e-12
         if sensor is not FRAME:  # it looks ahead from the last place only where there is a next leg
-            assert gains.seen[k - 1] == pytest.approx(seen)
-    shares = (0.25, 0.5, 0.75)
-    parts = parts_of(gains, shares=shares)
+            assert gains.observed[k - 1] == pytest.approx(observed)
+    fractions = (0.25, 0.5, 0.75)
+    parts = parts_of(gains, fractions=fractions)
     assert len(parts) == 3
     points = route.waypoints_m.tolist()
-    for share, part in zip(shares, parts, strict=True):
+    for fraction, part in zip(fractions, parts, strict=True):
         at = points.index(part.route.waypoints_m[0].tolist())
         assert part.route.waypoints_m.tolist() == points[at : at + len(part.route)]
-        assert part.seen >= share * gains.seen[-1] - 1e-9
-        assert coverage.share(coverage.seen(part.route.waypoints_m)) >= part.seen - 1e-12
+        assert part.observed >= fraction * gains.observed[-1] - 1e-9
+        assert coverage.fraction(coverage.observed(part.route.waypoints_m)) >= part.observed - 1e-12
         shortest = min(
-            gains.way_m[j] - gains.way_m[i]
+            gains.along_m[j] - gains.along_m[i]
             for i in range(len(points))
             for j in range(i + 1, len(points))
-            if gains.seen[j] - gains.seen[i] >= share * gains.seen[-1] - 1e-9
+            if gains.observed[j] - gains.observed[i] >= fraction * gains.observed[-1] - 1e-9
         )
         assert part.route.length_m == pytest.approx(shortest)
 
@@ -92,12 +92,12 @@ def test_parts_and_other_routes_are_judged_when_nothing_is_known_to_beat_them() 
     finish = make_finish(site, others, budget_s=None, now=frozen)
     judged = finish.judged_baselines(baselines_of(site, 1))
     found = (lines(site, 4), "memetic")
-    told = finish.worth_judging([found])
-    assert told[0] is found
-    assert (better, "imodbo") in told
-    assert all(route is not beaten for route, _ in told)
-    assert all(name != "simple-lines" for _, name in told), "five lines see no more than three"
-    parts = [(route, name) for route, name in told if name.startswith("part of ")]
+    reported = finish.worth_judging([found])
+    assert reported[0] is found
+    assert (better, "imodbo") in reported
+    assert all(route is not beaten for route, _ in reported)
+    assert all(name != "simple-lines" for _, name in reported), "five lines see no more than three"
+    parts = [(route, name) for route, name in reported if name.startswith("part of ")]
     # Three lines see all: parts of four are longer.
     assert {name for _, name in parts} == {"part of lines-0"}
     assert all(len(route) >= 2 for route, _ in parts)
@@ -142,7 +142,7 @@ def test_simple_lines_need_ever_fewer_waypoints_and_keep_the_limits(sensor: Sens
     bends = can_be_adapted(site)
     assert len(routes) <= 3 * (len(BENT) * bends + len(STRAIGHT)) + 2 * len(TIGHT) * len(TIGHT_INSETS) * bends
     coverage = CoverageMap(site, cell_size_m=10.0)
-    assert max(coverage.share(coverage.seen(route.waypoints_m)) for route in routes) > 0.97
+    assert max(coverage.fraction(coverage.observed(route.waypoints_m)) for route in routes) > 0.97
 
 
 def a_member(coverage: float, length_m: float) -> RouteMember:
@@ -151,8 +151,8 @@ def a_member(coverage: float, length_m: float) -> RouteMember:
 
 
 def test_a_large_set_is_thinned_to_the_chosen_and_the_least_crowded() -> None:
-    shares = np.concatenate([np.linspace(0.1, 0.5, 20), np.linspace(0.9, 0.901, 300)])
-    pareto = [a_member(share, 1000.0 * share) for share in shares.tolist()]
+    fractions = np.concatenate([np.linspace(0.1, 0.5, 20), np.linspace(0.9, 0.901, 300)])
+    pareto = [a_member(fraction, 1000.0 * fraction) for fraction in fractions.tolist()]
     for text in ("coverage>=0.9004", "max-coverage", "knee"):
         rule = parse_rule(text)
         left = thinned(pareto, rule)

@@ -8,7 +8,7 @@ from uavcover.errors import InfeasibleError
 from uavcover.missions.leg_checks import find_problems
 from uavcover.missions.mission_compiler import compile_mission
 from uavcover.model.sensor import FrameCamera, SphereSensor
-from uavcover.planner.gap_route import MissingCells, plan_closing_route
+from uavcover.planner.gap_route import MissingCells, plan_gap_route
 from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
@@ -21,12 +21,12 @@ def missing_in(coverage: CoverageMap, *boxes: tuple[float, float, float, float])
     return np.logical_or.reduce([(w <= east) & (east <= e) & (s <= north) & (north <= n) for w, s, e, n in boxes])
 
 
-def closing(site: Site, coverage: CoverageMap, missing: np.ndarray, **options):
+def repair(site: Site, coverage: CoverageMap, missing: np.ndarray, **options):
     assert site.home_m is not None
-    return plan_closing_route(coverage, missing, start_m=site.home_m, end_m=site.home_m, **options)
+    return plan_gap_route(coverage, missing, start_m=site.home_m, end_m=site.home_m, **options)
 
 
-def way_m(site: Site, route: np.ndarray) -> float:
+def path_m(site: Site, route: np.ndarray) -> float:
     assert site.home_m is not None
     path = np.vstack([site.home_m[:2], route[:, :2], site.home_m[:2]])
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
@@ -37,10 +37,12 @@ def test_every_missing_cell_is_seen_from_a_route_that_keeps_the_limits(ups) -> N
     site = make_site(ups)
     coverage = CoverageMap(site, cell_size_m=5.0)
     missing = missing_in(coverage, (0, 80, 300, 130), (240, 0, 300, 30), (20, 180, 60, 200))
-    result = closing(site, coverage, missing)
+    result = repair(site, coverage, missing)
     route = result.route.waypoints_m
-    assert not (missing & ~coverage.seen(route)).any()
-    assert result.seen_m2 == pytest.approx(result.wanted_m2) == pytest.approx(coverage.grid.weight_m2[missing].sum())
+    assert not (missing & ~coverage.observed(route)).any()
+    assert (
+        result.observed_m2 == pytest.approx(result.wanted_m2) == pytest.approx(coverage.grid.weight_m2[missing].sum())
+    )
     assert find_problems(site, route, lowest_agl_m=40.0, highest_agl_m=120.0) == []
     assert compile_mission(site, result.route, autopilot="ardupilot").waypoint_count == len(route)
 
@@ -48,9 +50,9 @@ def test_every_missing_cell_is_seen_from_a_route_that_keeps_the_limits(ups) -> N
 def test_a_small_gap_beside_home_takes_one_waypoint_and_no_detour() -> None:
     site = make_site(flat, home=(20.0, 100.0))
     coverage = CoverageMap(site, cell_size_m=5.0)
-    result = closing(site, coverage, missing_in(coverage, (0, 80, 40, 120)))
+    result = repair(site, coverage, missing_in(coverage, (0, 80, 40, 120)))
     assert len(result.route) == 1
-    assert way_m(site, result.route.waypoints_m) < 60.0
+    assert path_m(site, result.route.waypoints_m) < 60.0
 
 
 def test_the_way_is_near_the_shortest_there_can_be() -> None:
@@ -60,7 +62,7 @@ def test_the_way_is_near_the_shortest_there_can_be() -> None:
     corners = [(5.0, 5.0), (595.0, 5.0), (595.0, 395.0), (5.0, 395.0)]
     missing = missing_in(coverage, *[(e - 1, n - 1, e + 1, n + 1) for e, n in corners])
     assert missing.sum() == 4
-    result = closing(site, coverage, missing)
+    result = repair(site, coverage, missing)
     home = np.array([300.0, 200.0])
     through = min(
         sum(np.linalg.norm(np.diff(np.array([home, *order, home]), axis=0), axis=1))
@@ -68,33 +70,35 @@ def test_the_way_is_near_the_shortest_there_can_be() -> None:
     )
     reach = 120.0 * np.tan(np.radians(35.0))
     # The tour through the cells themselves is longer; cutting each corner saves at most twice the reach.
-    assert through - 2 * 4 * reach <= way_m(site, result.route.waypoints_m) <= through - 3 * reach
+    assert through - 2 * 4 * reach <= path_m(site, result.route.waypoints_m) <= through - 3 * reach
 
 
 def test_enough_is_enough() -> None:
     site = make_site(flat, ring=((0, 0), (800, 0), (800, 100), (0, 100)), home=(-20.0, 50.0))
     coverage = CoverageMap(site, cell_size_m=10.0)
     missing = missing_in(coverage, (0, 0, 100, 100), (700, 40, 710, 50))
-    everything = closing(site, coverage, missing)
-    most = closing(site, coverage, missing, needed_m2=0.95 * everything.wanted_m2)
-    assert everything.seen_m2 == everything.wanted_m2
-    assert 0.95 * everything.wanted_m2 <= most.seen_m2 < everything.wanted_m2
-    assert way_m(site, most.route.waypoints_m) < 0.4 * way_m(site, everything.route.waypoints_m)
+    everything = repair(site, coverage, missing)
+    most = repair(site, coverage, missing, needed_m2=0.95 * everything.wanted_m2)
+    assert everything.observed_m2 == everything.wanted_m2
+    assert 0.95 * everything.wanted_m2 <= most.observed_m2 < everything.wanted_m2
+    assert path_m(site, most.route.waypoints_m) < 0.4 * path_m(site, everything.route.waypoints_m)
 
 
-@pytest.mark.parametrize(("seed", "share"), [(6, 0.9), (11, 0.9), (17, 0.6), (29, 0.9), (32, 0.6), (33, 0.75)])
-def test_what_is_asked_for_is_seen_though_corners_that_are_left_out_change_the_order(seed: int, share: float) -> None:
+@pytest.mark.parametrize(("seed", "fraction"), [(6, 0.9), (11, 0.9), (17, 0.6), (29, 0.9), (32, 0.6), (33, 0.75)])
+def test_what_is_asked_for_is_seen_though_corners_that_are_left_out_change_the_order(
+    seed: int, fraction: float
+) -> None:
     site = make_site(hills, ring=((0, 0), (1000, 0), (1000, 900), (0, 900)), home=(-20.0, -20.0))
     coverage = CoverageMap(site, cell_size_m=20.0)
     rng = np.random.default_rng(seed)
     west, south = rng.uniform(0.0, 960.0, 20), rng.uniform(0.0, 860.0, 20)
     boxes = zip(west, south, west + rng.uniform(20.0, 60.0, 20), south + rng.uniform(20.0, 60.0, 20), strict=True)
     missing = missing_in(coverage, *boxes) & coverage.coverable
-    needed_m2 = share * coverage.grid.weight_m2[missing].sum()
-    result = closing(site, coverage, missing, needed_m2=needed_m2)
-    seen = coverage.seen(result.route.waypoints_m) & missing
-    assert coverage.grid.weight_m2[seen].sum() == pytest.approx(result.seen_m2)
-    assert result.seen_m2 >= needed_m2
+    needed_m2 = fraction * coverage.grid.weight_m2[missing].sum()
+    result = repair(site, coverage, missing, needed_m2=needed_m2)
+    observed = coverage.observed(result.route.waypoints_m) & missing
+    assert coverage.grid.weight_m2[observed].sum() == pytest.approx(result.observed_m2)
+    assert result.observed_m2 >= needed_m2
 
 
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
@@ -107,18 +111,18 @@ def test_a_tilted_camera_sees_what_the_route_says_as_it_is_flown(autopilot: str)
     site = make_site(hills, sensor=camera, vehicle={"autopilot": autopilot})
     coverage = CoverageMap(site, cell_size_m=5.0)
     missing = missing_in(coverage, (0, 80, 60, 110), (240, 0, 300, 30), (20, 180, 60, 200), (200, 180, 220, 200))
-    result = closing(site, coverage, missing)
-    seen = coverage.seen(result.route.waypoints_m)
-    assert result.seen_m2 > 0.8 * result.wanted_m2
-    assert coverage.grid.weight_m2[seen & missing].sum() >= result.seen_m2 - 1e-6
+    result = repair(site, coverage, missing)
+    observed = coverage.observed(result.route.waypoints_m)
+    assert result.observed_m2 > 0.8 * result.wanted_m2
+    assert coverage.grid.weight_m2[observed & missing].sum() >= result.observed_m2 - 1e-6
 
 
 def test_sensors_that_look_from_waypoints() -> None:
     site = make_site(hills, sensor=SphereSensor(kind="sphere", range_m=110.0))
     coverage = CoverageMap(site, cell_size_m=10.0)
     missing = missing_in(coverage, (0, 0, 300, 60)) & coverage.coverable
-    result = closing(site, coverage, missing)
-    assert not (missing & ~coverage.seen(result.route.waypoints_m)).any()
+    result = repair(site, coverage, missing)
+    assert not (missing & ~coverage.observed(result.route.waypoints_m)).any()
 
 
 @pytest.mark.parametrize("sensor", [CAMERA, SphereSensor(kind="sphere", range_m=110.0)], ids=["camera", "sphere"])
@@ -127,9 +131,9 @@ def test_nothing_to_close_and_nothing_that_can_be_closed(sensor) -> None:
     site = make_site(flat, fence=fence, sensor=sensor)
     coverage = CoverageMap(site, cell_size_m=10.0)
     with pytest.raises(InfeasibleError, match="no gaps"):
-        closing(site, coverage, np.zeros(coverage.grid.count, dtype=bool))
+        repair(site, coverage, np.zeros(coverage.grid.count, dtype=bool))
     with pytest.raises(InfeasibleError, match="no allowed position can observe any"):
-        closing(site, coverage, missing_in(coverage, (100, 180, 120, 200)))
+        repair(site, coverage, missing_in(coverage, (100, 180, 120, 200)))
     assert lay_over_terrain(site, np.empty((0, 2)), np.empty(0), tolerance_m=10.0).shape == (0, 3)
 
 
@@ -138,7 +142,7 @@ def test_the_same_every_time_and_nothing_of_the_caller_is_changed() -> None:
     coverage = CoverageMap(site, cell_size_m=10.0)
     missing = missing_in(coverage, (0, 80, 300, 130))
     before = missing.copy()
-    first, second = closing(site, coverage, missing), closing(site, coverage, missing)
+    first, second = repair(site, coverage, missing), repair(site, coverage, missing)
     np.testing.assert_array_equal(first.route.waypoints_m, second.route.waypoints_m)
     np.testing.assert_array_equal(missing, before)
 
@@ -148,11 +152,11 @@ def test_missing_cells_see_what_the_whole_map_sees() -> None:
     coverage = CoverageMap(site, cell_size_m=10.0)
     missing = missing_in(coverage, (50, 60, 220, 140))
     part = MissingCells.of(coverage, missing)
-    places = np.array([[100.0, 100.0, 90.0], [180.0, 60.0, 85.0]])
-    observations = LevelObservations.towards_north(places)
+    positions = np.array([[100.0, 100.0, 90.0], [180.0, 60.0, 85.0]])
+    observations = LevelObservations.towards_north(positions)
     np.testing.assert_array_equal(
-        part.seen_by(observations, coverage.sight),
-        coverage.seen_by(observations)[missing],
+        part.observed_by(observations, coverage.sight),
+        coverage.observed_by(observations)[missing],
     )
     np.testing.assert_array_equal(part.weight_m2, coverage.grid.weight_m2[missing])
 
@@ -161,28 +165,28 @@ def test_where_there_is_no_time_the_first_route_is_given_that_keeps_the_limits()
     site = make_site(hills, ring=((0, 0), (600, 0), (600, 400), (0, 400)))
     coverage = CoverageMap(site, cell_size_m=10.0)
     missing = missing_in(coverage, (0, 0, 80, 80), (500, 300, 600, 400), (250, 150, 400, 200))
-    asked = []
+    required = []
 
     def is_over() -> bool:
-        asked.append(True)
+        required.append(True)
         return True
 
-    hurried = closing(site, coverage, missing, is_over=is_over)
-    assert len(asked) <= 3
+    hurried = repair(site, coverage, missing, is_over=is_over)
+    assert len(required) <= 3
     assert find_problems(site, hurried.route.waypoints_m, lowest_agl_m=40.0, highest_agl_m=120.0) == []
-    assert hurried.seen_m2 > 0.5 * hurried.wanted_m2
-    patient = closing(site, coverage, missing)
-    assert way_m(site, patient.route.waypoints_m) < way_m(site, hurried.route.waypoints_m)
+    assert hurried.observed_m2 > 0.5 * hurried.wanted_m2
+    patient = repair(site, coverage, missing)
+    assert path_m(site, patient.route.waypoints_m) < path_m(site, hurried.route.waypoints_m)
 
 
 def test_a_route_that_sees_too_little_to_be_of_use_is_none() -> None:
     site = make_site(flat)
     coverage = CoverageMap(site, cell_size_m=5.0)
     missing = missing_in(coverage, (0, 80, 300, 130))
-    all_m2 = closing(site, coverage, missing).seen_m2
-    assert closing(site, coverage, missing, useful_m2=all_m2 - 1.0).seen_m2 == all_m2
+    all_m2 = repair(site, coverage, missing).observed_m2
+    assert repair(site, coverage, missing, useful_m2=all_m2 - 1.0).observed_m2 == all_m2
     with pytest.raises(InfeasibleError, match="cannot close the gaps"):
-        closing(site, coverage, missing, useful_m2=all_m2 + 1.0)
+        repair(site, coverage, missing, useful_m2=all_m2 + 1.0)
 
 
 def test_what_a_frame_camera_sees_for_every_heading_is_the_cone_inside_its_picture() -> None:

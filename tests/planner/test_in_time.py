@@ -29,7 +29,7 @@ EFFORT = {"evaluations": 40, "workers": 1, "algorithm": "memetic", "select": "co
 def test_a_command_has_its_budget_from_its_begin():
     moments = iter([12.0, 12.0, 30.0])
     limit = CommandTime(begun_s=10.0, budget_s=5.0, now=lambda: next(moments))
-    assert [limit.left_s(), limit.left_s(share=2.0), limit.left_s()] == [3.0, 8.0, 0.0]
+    assert [limit.left_s(), limit.left_s(fraction=2.0), limit.left_s()] == [3.0, 8.0, 0.0]
     assert CommandTime(begun_s=0.0).left_s() == float("inf")
     assert CommandTime(begun_s=0.0, should_stop=lambda: True).left_s() == 0.0
 
@@ -128,8 +128,8 @@ def _zones(count: int, corners: int, radius_m: float) -> str:
         ring = middle + radius_m * rng.uniform(0.7, 1.0, (corners, 1)) * np.column_stack(
             [np.cos(angles), np.sin(angles)]
         )
-        places = np.column_stack(to_earth.transform(*ring.T)).tolist()
-        text += f"\n[[no_fly]]\npolygon_lon_lat_deg = {places}\nmargin_m = 2.0\n"
+        positions = np.column_stack(to_earth.transform(*ring.T)).tolist()
+        text += f"\n[[no_fly]]\npolygon_lon_lat_deg = {positions}\nmargin_m = 2.0\n"
     return text
 
 
@@ -155,7 +155,7 @@ def test_a_command_keeps_its_budget_of_processor_time(case, tmp_path):
     """The budget is the clock's, which on a busy machine gives less processor time: never more than the rule allows."""
     kind, more = CASES[case](KINDS["flat"])
     scenario = write_kind(
-        tmp_path, kind, name=case, asked=0.98, sensor=SENSORS["nadir"], vehicle='autopilot = "px4"', more=more
+        tmp_path, kind, name=case, required=0.98, sensor=SENSORS["nadir"], vehicle='autopilot = "px4"', more=more
     )
     command = [sys.executable, "-m", "uavcover", "plan", scenario, "-o", tmp_path / "run", "--workers", "1"]
     # The budget rule holds for kernels that are compiled already.

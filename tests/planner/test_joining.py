@@ -31,9 +31,9 @@ def test_the_order_is_the_best_of_all(home, seed) -> None:
         tuple(route[[0, -1]].sum(axis=0)) for route in routes
     )
     best = min(
-        cost([route[::way] for route, way in zip(order, ways, strict=True)], home)
+        cost([route[::path] for route, path in zip(order, paths, strict=True)], home)
         for order in itertools.permutations(routes)
-        for ways in itertools.product((1, -1), repeat=5)
+        for paths in itertools.product((1, -1), repeat=5)
     )
     assert cost(found, home) == pytest.approx(best, rel=0.01)
 
@@ -66,7 +66,7 @@ def test_one_route_stays_as_it_is() -> None:
 def test_links_follow_the_terrain() -> None:
     site = make_site(hills)
     first, second = np.array([[20.0, 20.0], [40.0, 150.0]]), np.array([[260.0, 150.0], [280.0, 20.0]])
-    routes = [np.column_stack([places, site.ground.ups_m(places, 80.0)]) for places in (first, second)]
+    routes = [np.column_stack([positions, site.ground.ups_m(positions, 80.0)]) for positions in (first, second)]
     whole = joined(site, routes)
     assert np.array_equal(whole[0], routes[0][0])
     assert np.array_equal(whole[-1], routes[1][-1])

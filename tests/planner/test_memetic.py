@@ -17,7 +17,7 @@ from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.route import Plan, Route
 from uavcover.model.sensor import DiscSensor, SphereSensor
 from uavcover.model.vehicle import Wind
-from uavcover.planner.budget import SHARES
+from uavcover.planner.budget import FRACTIONS
 from uavcover.planner.planner import Effort, SearchProgress, plan_routes
 from uavcover.planner.search.goal_search import LADDER, _next_stage, _thinned
 from uavcover.planner.search.local_search import (
@@ -26,7 +26,7 @@ from uavcover.planner.search.local_search import (
     PaceByNumber,
     SearchStart,
     best_starts,
-    starts_worth_looking_at,
+    promising_starts,
 )
 from uavcover.planner.search.route_problem import OneAfterTheOther, narrowed, route_problem, state_of
 from uavcover.scenario.site import Site, load_site
@@ -141,35 +141,37 @@ def test_the_papers_scenario_with_sixteen_waypoints() -> None:
 
 def test_the_cost_that_is_reported_never_rises() -> None:
     """The local search began with metres where the objective is time."""
-    seen: list[SearchProgress] = []
+    observed: list[SearchProgress] = []
     site = make_site(hills, limits=LIMITS, planner={"objective": "flight-time"})
-    make_plan(site, rule="coverage>=0.99", on_progress=seen.append)
-    costs = [p.least_cost for p in seen if p.least_cost is not None]
+    make_plan(site, rule="coverage>=0.99", on_progress=observed.append)
+    costs = [p.least_cost for p in observed if p.least_cost is not None]
     assert len(costs) > 2
     assert costs == sorted(costs, reverse=True)
 
 
 @pytest.mark.parametrize("site", [SITES["along-path"], SITES["free-order"]], ids=["along-path", "free-order"])
 def test_stopped_in_the_local_search_the_best_so_far_is_returned(site: Site) -> None:
-    seen: list[SearchProgress] = []
-    plan = make_plan(site, should_stop=lambda: len(seen) >= 60, on_progress=seen.append)
+    observed: list[SearchProgress] = []
+    plan = make_plan(site, should_stop=lambda: len(observed) >= 60, on_progress=observed.append)
     assert plan.interrupted
     assert 20 < plan.evaluations < 300
     assert "memetic" in {member.origin for member in plan.members}
-    counts = [p.evaluations for p in seen]
+    counts = [p.evaluations for p in observed]
     assert counts == sorted(counts)
-    assert all(p.total == 300 for p in seen[-5:])
-    assert seen[-1].best_coverage > 0.8
+    assert all(p.total == 300 for p in observed[-5:])
+    assert observed[-1].best_coverage > 0.8
 
 
 def test_the_time_budget_ends_the_local_search() -> None:
-    tick_s, seen = 0.25, list[SearchProgress]()
-    plan = make_plan(SITES["along-path"], evaluations=10**9, budget_s=30.0, now=Clock(tick_s), on_progress=seen.append)
+    tick_s, observed = 0.25, list[SearchProgress]()
+    plan = make_plan(
+        SITES["along-path"], evaluations=10**9, budget_s=30.0, now=Clock(tick_s), on_progress=observed.append
+    )
     assert not plan.interrupted
     # Waypoints are given up until so much later; the clock is asked once to see that, and once for the plan.
-    assert plan.wall_s <= 30.0 * SHARES.simplified_until + 2.0 * tick_s
+    assert plan.wall_s <= 30.0 * FRACTIONS.simplified_until + 2.0 * tick_s
     assert "memetic" in {member.origin for member in plan.members}
-    assert all(p.evaluations <= p.total < 10**9 for p in seen)
+    assert all(p.evaluations <= p.total < 10**9 for p in observed)
 
 
 def test_a_budget_that_is_over_before_the_local_search_begins_leaves_lines_and_parts() -> None:
@@ -249,12 +251,14 @@ def test_only_coverable_cells_count_and_a_route_state_sees_what_the_map_says() -
     corners = np.array([[0.0, 60.0], [300.0, 60.0], [300.0, 140.0]])
     route = Route(np.column_stack([corners, site.ground.heights_m(corners) + 80.0]))
     state = state_of(problem, route, capacity=10)
-    assert state.seen[0] == pytest.approx(coverage.share_of_coverable(coverage.seen(route.waypoints_m)), rel=1e-12)
-    assert ((state.counts > 0) == coverage.seen(route.waypoints_m)).all()
+    assert state.observed[0] == pytest.approx(
+        coverage.fraction_of_coverable(coverage.observed(route.waypoints_m)), rel=1e-12
+    )
+    assert ((state.counts > 0) == coverage.observed(route.waypoints_m)).all()
     # A leg that sees more runs than there is room for is cut; what is seen changes only by where the samples fall.
     short = state_of(dataclasses.replace(problem, stride=18), route, capacity=10)
     assert short.size[0] > 3
-    assert short.seen[0] == pytest.approx(state.seen[0], abs=0.02)
+    assert short.observed[0] == pytest.approx(state.observed[0], abs=0.02)
 
 
 def test_flight_time_as_the_objective_flies_faster_in_a_strong_wind() -> None:
@@ -277,22 +281,22 @@ def test_fewer_waypoints_than_see_all_still_see_most_also_in_little_time() -> No
     settings = dataclasses.replace(site.scenario.planner, algorithm="local-search", evaluations=200)
     plan = plan_routes(site, settings=settings, select_rule="max-coverage", effort=Effort(200, None, frozen))
     most = {m.metrics.waypoint_count: m.metrics.coverage_of_coverable for m in plan.members}
-    full = min(n for n, seen in most.items() if seen >= 1.0 - 1e-9)
+    full = min(n for n, observed in most.items() if observed >= 1.0 - 1e-9)
     # Without the waypoint that sees least by itself, a route loses no more than its share of the cells.
     for fewer in range(1, 6):
-        reached = max(seen for n, seen in most.items() if n <= full - fewer)
+        reached = max(observed for n, observed in most.items() if n <= full - fewer)
         assert reached >= 1.0 - fewer / (full - fewer)
 
 
 def test_finer_cells_are_asked_only_about_what_reaches_the_goal_on_the_first() -> None:
-    asked = list[str]()
+    required = list[str]()
 
-    def cells(name: str, seen: dict[int, float]) -> Any:
-        def share(points_m: np.ndarray) -> float:
-            asked.append(name)
-            return seen[len(points_m)]
+    def cells(name: str, observed: dict[int, float]) -> Any:
+        def fraction(points_m: np.ndarray) -> float:
+            required.append(name)
+            return observed[len(points_m)]
 
-        return SimpleNamespace(seen=lambda points_m: points_m, share_of_coverable=share)
+        return SimpleNamespace(observed=lambda points_m: points_m, fraction_of_coverable=fraction)
 
     def route(count: int) -> Route:
         return Route(np.zeros((count, 3)))
@@ -300,10 +304,10 @@ def test_finer_cells_are_asked_only_about_what_reaches_the_goal_on_the_first() -
     judge = OneAfterTheOther([cells("own", {2: 0.97, 3: 0.985, 4: 0.979}), cells("finer", {3: 0.983})])
     assert judge(route(2), 0.98) == 0.97
     assert judge(route(3), 0.98) == 0.983
-    assert asked == ["own", "own", "finer"]
+    assert required == ["own", "own", "finer"]
     # What the finer cells saw less of the last one is taken off, so that the search does not stop short of the goal on them.
     assert judge(route(4), 0.98) == pytest.approx(0.977)
-    assert asked == ["own", "own", "finer", "own"]
+    assert required == ["own", "own", "finer", "own"]
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -311,12 +315,12 @@ def test_beginnings_that_are_too_dear_whatever_they_see_are_not_looked_at(seed: 
     rng = np.random.default_rng(seed)
     problem = route_problem(judging_map(SITES["along-path"]), margin_m=0.0, reach_m=50.0)
     routes = [Route(np.array([[0.0, 0.0, 60.0], [length, 0.0, 60.0]])) for length in rng.uniform(500.0, 2000.0, 30)]
-    share = {id(route): float(np.clip(route.length_m / 1500.0 + rng.normal(0.0, 0.1), 0.0, 1.0)) for route in routes}
-    looked = starts_worth_looking_at(problem, routes, 0.9, lambda route: share[id(route)])
-    best = best_starts(problem, [SearchStart(route, share[id(route)]) for route in routes], 0.9)
-    assert all(a.route is b.route for a, b in zip(best_starts(problem, looked, 0.9)[:CHAINS], best, strict=False))
-    assert CHAINS <= len(looked) < len(routes)
+    fraction = {id(route): float(np.clip(route.length_m / 1500.0 + rng.normal(0.0, 0.1), 0.0, 1.0)) for route in routes}
+    evaluated = promising_starts(problem, routes, 0.9, lambda route: fraction[id(route)])
+    best = best_starts(problem, [SearchStart(route, fraction[id(route)]) for route in routes], 0.9)
+    assert all(a.route is b.route for a, b in zip(best_starts(problem, evaluated, 0.9)[:CHAINS], best, strict=False))
+    assert CHAINS <= len(evaluated) < len(routes)
     # Where the order is free, what reaches the goal comes first, whatever it costs.
     free = route_problem(judging_map(SITES["free-order"]), margin_m=0.0, reach_m=50.0)
     assert free.free_order
-    assert len(starts_worth_looking_at(free, routes, 0.9, lambda _: 0.5)) == len(routes)
+    assert len(promising_starts(free, routes, 0.9, lambda _: 0.5)) == len(routes)

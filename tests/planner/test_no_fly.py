@@ -16,7 +16,7 @@ from uavcover.missions.leg_checks import find_problems, find_waypoint_problems, 
 from uavcover.model.limits import NoFly, Obstacles
 from uavcover.model.sensor import NadirCamera
 from uavcover.planner.baselines.boustrophedon import fly_layout, plain_boustrophedon
-from uavcover.planner.gap_route import plan_closing_route
+from uavcover.planner.gap_route import plan_gap_route
 from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.sensing.coverage_map import CoverageMap
@@ -38,12 +38,12 @@ def site_with(*zones, ups=flat, **keys):
     return make_site(ups, ring=AREA, no_fly=zones, cell_m=15.0, **keys)
 
 
-def assert_stays_out(site, points, ups, *, margin_share=0.999):
+def assert_stays_out(site, points, ups, *, margin_fraction=0.999):
     offset = site.alt_amsl_offset_m
     for zone in site.zones:
         for p, q in itertools.pairwise(points):
             inside = enters(
-                zone, ups, p, q, alt_offset_m=offset, samples=200, margin_m=margin_share * zone.entry.margin_m,
+                zone, ups, p, q, alt_offset_m=offset, samples=200, margin_m=margin_fraction * zone.entry.margin_m,
                 height_margin_m=0.0,
             )  # fmt: skip
             assert not inside, (zone.name, p, q)
@@ -233,14 +233,14 @@ def test_a_zone_over_everything_is_one_line():
 
 
 def coverable(coverage):
-    assert 0.5 < coverage.share(coverage.coverable) <= 1.0
+    assert 0.5 < coverage.fraction(coverage.coverable) <= 1.0
     return coverage.coverable.copy()
 
 
 def test_gap_routes_keep_out_of_zones():
     site = site_with(circle(150, 150, 40))
     coverage = CoverageMap(site, cell_size_m=15.0)
-    found = plan_closing_route(coverage, coverable(coverage), start_m=site.home_m, end_m=site.home_m)
+    found = plan_gap_route(coverage, coverable(coverage), start_m=site.home_m, end_m=site.home_m)
     assert measure_violations(site, found.route.waypoints_m, margin_m=0.0).no_fly_m == 0.0
     assert_stays_out(site, found.route.waypoints_m, flat)
 
@@ -250,10 +250,10 @@ def test_lines_around_a_small_zone_see_what_they_see_without_it():
     hole = ((100.0, 90.0), (200.0, 90.0), (200.0, 210.0), (100.0, 210.0))
     keys = {"ring": AREA, "holes": (hole,), "cell_m": 10.0, "sensor": NARROW}
     free, closed = make_site(**keys), make_site(no_fly=(circle(150.0, 150.0, 35.0),), **keys)
-    seen = []
+    observed = []
     for site in (free, closed):
         route = fly_layout(site, plain_boustrophedon(site))
         coverage = CoverageMap(site, cell_size_m=5.0)
-        seen.append(coverage.share_of_coverable(coverage.seen(route.waypoints_m)))
+        observed.append(coverage.fraction_of_coverable(coverage.observed(route.waypoints_m)))
     assert_stays_out(closed, route.waypoints_m, flat)
-    assert seen[1] >= seen[0] - 0.01
+    assert observed[1] >= observed[0] - 0.01

@@ -32,8 +32,8 @@ DISC = DiscSensor(kind="disc", radius_m=50.0, sensing="at-waypoints")
 def test_back_and_forth_in_the_middle_of_equal_boxes() -> None:
     site = make_site(flat, sensor=DISC, limits={"applies_to": "waypoints"})
     points = fly_rows(site, NodeRows(2, 3, 0.0, 0.5)).waypoints_m
-    places = [(50, 50), (150, 50), (250, 50), (250, 150), (150, 150), (50, 150)]
-    assert points[:, :2] == pytest.approx(np.array(places, dtype=float))
+    positions = [(50, 50), (150, 50), (250, 50), (250, 150), (150, 150), (50, 150)]
+    assert points[:, :2] == pytest.approx(np.array(positions, dtype=float))
     assert points[:, 2] == pytest.approx(80.0)
 
 
@@ -50,7 +50,7 @@ def test_the_plain_one_sees_all_of_flat_ground() -> None:
     coverage = CoverageMap(site, cell_size_m=5.0)
     layout = plain_rows(site)
     assert (layout.rows, layout.columns) == (3, 5)
-    assert coverage.share(coverage.seen(fly_rows(site, layout).waypoints_m)) == 1.0
+    assert coverage.fraction(coverage.observed(fly_rows(site, layout).waypoints_m)) == 1.0
 
 
 @pytest.mark.parametrize("applies_to", ["legs", "waypoints"])
@@ -99,10 +99,10 @@ def photos(**pose: float) -> FrameCamera:
 def test_lines_of_nodes_see_flat_ground_first_all_then_ever_less(sensor: Sensor) -> None:
     site = make_site(flat, sensor=sensor, ring=LARGE)
     coverage = CoverageMap(site, cell_size_m=10.0)
-    shares = np.array([coverage.share(coverage.seen(route.waypoints_m)) for route in node_lines(site)])
+    fractions = np.array([coverage.fraction(coverage.observed(route.waypoints_m)) for route in node_lines(site)])
     # A tilted camera's photo is narrower near its lower side.
-    assert shares[0] >= (0.99 if not isinstance(sensor, FrameCamera) or sensor.pitch_deg == -90.0 else 0.93)
-    assert 0.4 < shares[-1] < 0.9 * shares[0]
+    assert fractions[0] >= (0.99 if not isinstance(sensor, FrameCamera) or sensor.pitch_deg == -90.0 else 0.93)
+    assert 0.4 < fractions[-1] < 0.9 * fractions[0]
 
 
 def test_lines_of_photos_are_as_far_apart_as_a_photo_is_wide() -> None:
@@ -131,33 +131,33 @@ def test_a_search_begins_with_lines_of_nodes_only_where_photos_are_taken_at_wayp
     ):
         site = make_site(flat, sensor=sensor, limits={"applies_to": applies_to})
         coverage = CoverageMap(site, cell_size_m=20.0)
-        found = constructed_routes(coverage, settings, asked=0.9, executor=None, left_s=lambda: math.inf)
+        found = constructed_routes(coverage, settings, required=0.9, executor=None, left_s=lambda: math.inf)
         assert (NODE_LINES in {each.name for each in found}) is expected
 
 
 def test_without_time_there_is_one_route_of_nodes() -> None:
     site = make_site(flat, sensor=photos(heading_deg=0.0))
     coverage = CoverageMap(site, cell_size_m=20.0)
-    found = constructed_routes(coverage, PlannerSettings(), asked=0.9, executor=None, left_s=lambda: 0.0)
+    found = constructed_routes(coverage, PlannerSettings(), required=0.9, executor=None, left_s=lambda: 0.0)
     assert [each.name for each in found].count(NODE_LINES) == 1
 
 
 def test_a_cover_of_what_is_asked_follows_the_cover_of_all() -> None:
     site = make_site(flat, sensor=photos(heading_deg=0.0), ring=LARGE)
     coverage = CoverageMap(site, cell_size_m=25.0)
-    found = constructed_routes(coverage, PlannerSettings(), asked=0.8, executor=None, left_s=lambda: math.inf)
+    found = constructed_routes(coverage, PlannerSettings(), required=0.8, executor=None, left_s=lambda: math.inf)
     whole, some = (each for each in found if each.name == "set-cover")
     assert len(some.route) < len(whole.route)
-    assert 0.8 <= -some.objectives[0] / coverage.share(coverage.coverable) < 0.95
+    assert 0.8 <= -some.objectives[0] / coverage.fraction(coverage.coverable) < 0.95
 
 
 @pytest.mark.parametrize(("sensor", "apart_m"), [(photos(heading_deg=0.0), 20.0), (DISC, 20.0), (DISC, 60.0)])
 def test_where_several_looks_are_required_nodes_are_closer_together(sensor: Sensor, apart_m: float) -> None:
     once = make_site(flat, sensor=sensor, ring=LARGE)
     twice = make_site(flat, sensor=sensor, ring=LARGE, requirements={"looks": 2, "look_distance_m": apart_m})
-    sees_all, least = next(iter(node_lines(once))), next(iter(node_lines(twice)))
+    observes_all, least = next(iter(node_lines(once))), next(iter(node_lines(twice)))
     coverage = CoverageMap(twice, cell_size_m=10.0)
-    assert coverage.share(coverage.seen(sees_all.waypoints_m)) < 0.7
+    assert coverage.fraction(coverage.observed(observes_all.waypoints_m)) < 0.7
     # Nodes of neighbouring lines that are nearer than two looks have to be count as one.
-    assert coverage.share(coverage.seen(least.waypoints_m)) > (0.9 if apart_m < 30.0 else 0.78)
-    assert len(least) < 2.3 * len(sees_all)
+    assert coverage.fraction(coverage.observed(least.waypoints_m)) > (0.9 if apart_m < 30.0 else 0.78)
+    assert len(least) < 2.3 * len(observes_all)

@@ -62,11 +62,11 @@ def test_lines_have_their_heading_and_see_what_was_asked(ups, heading_deg):
     assert lengths[off < 0.1].sum() > 0.5 * lengths.sum()
     assert lengths[off >= 0.1].max(initial=0.0) < 150.0
     fine = judging_map(site)
-    seen = fine.share_of_coverable(fine.seen(plan.chosen.route.waypoints_m))
-    assert seen == pytest.approx(plan.chosen.metrics.coverage_of_coverable)
-    assert seen >= 0.98
+    observed = fine.fraction_of_coverable(fine.observed(plan.chosen.route.waypoints_m))
+    assert observed == pytest.approx(plan.chosen.metrics.coverage_of_coverable)
+    assert observed >= 0.98
     plain = fly_layout(site, plain_boustrophedon(site, angle_rad=angle_of_heading_rad(wanted)))
-    if fine.share_of_coverable(fine.seen(plain.waypoints_m)) >= 0.98:
+    if fine.fraction_of_coverable(fine.observed(plain.waypoints_m)) >= 0.98:
         assert mission_cost(site, plan.chosen.route).time_s <= mission_cost(site, plain).time_s + 1e-6
 
 
@@ -80,23 +80,23 @@ def test_a_tilted_camera_that_keeps_its_heading_begins_before_the_area(heading_d
     back = -np.array([np.sin(np.radians(heading_deg)), np.cos(np.radians(heading_deg))])
     corners = np.array([[0.0, 0.0], [300.0, 0.0], [300.0, 200.0], [0.0, 200.0]])
     assert (plan.chosen.route.waypoints_m[:, :2] @ back).max() > (corners @ back).max() + 20.0
-    assert _seen_on_level_ground(site, plan.chosen.route.waypoints_m) == pytest.approx(
+    assert _observed_on_level_ground(site, plan.chosen.route.waypoints_m) == pytest.approx(
         plan.chosen.metrics.coverage_fraction, abs=0.01
     )
 
 
-def _seen_on_level_ground(site, waypoints_m):
+def _observed_on_level_ground(site, waypoints_m):
     """Share of the area in the pictures of a route, from the scenario's figures alone."""
     sensor = {key: value for key, value in dataclasses.asdict(site.scenario.sensor).items() if value is not None}
     limits = {"min_height_agl_m": site.scenario.limits.min_height_agl_m}
-    places, headings = plan_coverage.looks({"sensor": sensor, "limits": limits}, waypoints_m)
+    positions, headings = plan_coverage.looks({"sensor": sensor, "limits": limits}, waypoints_m)
     east, north = np.meshgrid(np.arange(1.0, 300.0, 2.0), np.arange(1.0, 200.0, 2.0))
     ground = np.column_stack([east.ravel(), north.ravel(), np.zeros(east.size)])
     up = np.tile([0.0, 0.0, 1.0], (len(ground), 1))
-    seen = np.zeros(len(ground), dtype=bool)
-    for place, heading in zip(places, headings, strict=True):
-        seen |= plan_coverage._in_view(sensor, ground - place, up, heading)
-    return seen.mean()
+    observed = np.zeros(len(ground), dtype=bool)
+    for position, heading in zip(positions, headings, strict=True):
+        observed |= plan_coverage._in_view(sensor, ground - position, up, heading)
+    return observed.mean()
 
 
 def test_it_ends_when_told_to_and_is_the_same_for_any_number_of_threads():

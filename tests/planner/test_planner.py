@@ -109,8 +109,8 @@ def test_the_choice_is_never_worse_than_a_baseline_and_the_set_is_non_dominated(
             for b in plan.members
         )
     assert len({values(m) for m in plan.members}) == len(plan.members)
-    shares = [m.metrics.coverage_of_coverable for m in plan.members]
-    assert shares == sorted(shares)
+    fractions = [m.metrics.coverage_of_coverable for m in plan.members]
+    assert fractions == sorted(fractions)
     # Every baseline is in the set or beaten by a member.
     for b in plan.baselines:
         assert b.violation > 0 or any(
@@ -131,8 +131,8 @@ def test_members_are_judged_on_the_cells_of_the_area_and_keep_the_limits() -> No
 
 
 def test_a_coverage_out_of_reach_takes_the_best() -> None:
-    sees_little = SphereSensor(kind="sphere", range_m=150.0)
-    site = make_site(sensor=sees_little, planner={"encoding": "waypoints", "max_waypoints": 2})
+    observes_little = SphereSensor(kind="sphere", range_m=150.0)
+    site = make_site(sensor=observes_little, planner={"encoding": "waypoints", "max_waypoints": 2})
     plan = make_plan(site, rule="coverage>=1", evaluations=40)
     assert not plan.rule_met
     assert plan.chosen.metrics.coverage_of_coverable == max(m.metrics.coverage_of_coverable for m in plan.members)
@@ -157,15 +157,15 @@ def test_stopped_before_the_first_round(encoding: str) -> None:
 
 
 def test_stopped_after_a_round_the_best_so_far_is_returned() -> None:
-    seen: list[SearchProgress] = []
+    observed: list[SearchProgress] = []
     site = make_site(hills)
-    plan = make_plan(site, evaluations=200, should_stop=lambda: len(seen) >= 2, on_progress=seen.append)
+    plan = make_plan(site, evaluations=200, should_stop=lambda: len(observed) >= 2, on_progress=observed.append)
     assert plan.interrupted
     assert plan.evaluations == 40
-    assert [(p.evaluations, p.total) for p in seen] == [(20, 200), (40, 200)]
-    assert seen[-1].best_coverage > 0.9
-    assert seen[-1].least_cost is not None
-    assert seen[-1].least_cost <= seen[0].least_cost  # type: ignore[operator]
+    assert [(p.evaluations, p.total) for p in observed] == [(20, 200), (40, 200)]
+    assert observed[-1].best_coverage > 0.9
+    assert observed[-1].least_cost is not None
+    assert observed[-1].least_cost <= observed[0].least_cost  # type: ignore[operator]
     assert plan.rule_met
 
 
@@ -211,9 +211,11 @@ def test_where_the_first_lines_leave_gaps_there_is_one_line_more(objective: str)
     coarse = CoverageMap(site, cell_size_m=5.0)
     first = first_lines(site, 0.0, None, lambda: True)
     more = one_line_more(site, 0.0)
-    share = [max(coarse.share_of_coverable(coarse.seen(r.waypoints_m)) for r, _ in lines) for lines in (first, more)]
-    assert share[0] < share[1]
-    between = 0.5 * (share[0] + share[1])
+    fraction = [
+        max(coarse.fraction_of_coverable(coarse.observed(r.waypoints_m)) for r, _ in lines) for lines in (first, more)
+    ]
+    assert fraction[0] < fraction[1]
+    between = 0.5 * (fraction[0] + fraction[1])
     assert [any_reaches(coarse, lines, between) for lines in (first, more)] == [False, True]
     # Nothing is asked for, or there are no lines to add to.
     assert any_reaches(coarse, first, None)
@@ -224,13 +226,13 @@ def test_where_the_first_lines_leave_gaps_there_is_one_line_more(objective: str)
 
 def test_the_budget_is_honoured() -> None:
     # Read once a batch of baselines (6), twice while timing, once a round: 20 s are over after a dozen rounds.
-    clock, seen = Clock(1.0), list[SearchProgress]()
-    plan = make_plan(make_site(), evaluations=10**9, budget_s=20.0, now=clock, on_progress=seen.append)
+    clock, observed = Clock(1.0), list[SearchProgress]()
+    plan = make_plan(make_site(), evaluations=10**9, budget_s=20.0, now=clock, on_progress=observed.append)
     assert not plan.interrupted
     assert 2 * 20 <= plan.evaluations <= 20 * 20
     assert plan.wall_s <= 20.0 + 2.0
-    assert all(p.evaluations <= p.total for p in seen)
-    assert seen[-1].total < 10**9
+    assert all(p.evaluations <= p.total for p in observed)
+    assert observed[-1].total < 10**9
 
 
 def test_a_budget_that_is_over_at_once_still_gives_a_plan() -> None:

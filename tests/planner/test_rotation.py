@@ -26,9 +26,9 @@ TOWER = tower(140.0, 60.0, 170.0, 90.0, 35.0)
 LIMITS = {"height_margin_m": 5.0, "max_climb_angle_deg": 25.0}
 
 
-def turned_places(places: np.ndarray) -> np.ndarray:
+def turned_positions(positions: np.ndarray) -> np.ndarray:
     """(n, 2) or (n, 3) ENU places after a quarter turn."""
-    return np.column_stack([TURN_M - places[:, 1], places[:, 0], *places.T[2:]])
+    return np.column_stack([TURN_M - positions[:, 1], positions[:, 0], *positions.T[2:]])
 
 
 def turned_ring(ring: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
@@ -72,19 +72,22 @@ SENSORS = {
 def test_a_route_turned_with_its_scenario_sees_the_same_cells(name: str) -> None:
     plain, turned = twins(*SENSORS[name], cell_m=10.0)
     rng = np.random.default_rng(7)
-    places = rng.uniform([-20.0, -20.0], [320.0, 220.0], (9, 2))
-    route = np.column_stack([places, plain.ground.heights_m(places) + rng.uniform(30.0, 125.0, 9)])
-    seen = []
-    for site, points in ((plain, route), (turned, turned_places(route))):
+    positions = rng.uniform([-20.0, -20.0], [320.0, 220.0], (9, 2))
+    route = np.column_stack([positions, plain.ground.heights_m(positions) + rng.uniform(30.0, 125.0, 9)])
+    observed = []
+    for site, points in ((plain, route), (turned, turned_positions(route))):
         coverage = CoverageMap(site, cell_size_m=10.0)
-        cells = coverage.seen(points)
-        picture = np.where(coverage.grid.cells.lattice >= 0, cells[coverage.grid.cells.lattice], -1)
-        seen.append((picture, coverage.share(cells), coverage.share_of_coverable(cells), coverage.coverable.sum()))
-    assert 0.2 < seen[0][1] < 0.999
-    np.testing.assert_array_equal(np.rot90(seen[0][0], k=-1), seen[1][0])
-    assert seen[0][1:] == pytest.approx(seen[1][1:], rel=1e-12)
+        cells = coverage.observed(points)
+        photo = np.where(coverage.grid.cells.lattice >= 0, cells[coverage.grid.cells.lattice], -1)
+        observed.append(
+            (photo, coverage.fraction(cells), coverage.fraction_of_coverable(cells), coverage.coverable.sum())
+        )
+    assert 0.2 < observed[0][1] < 0.999
+    np.testing.assert_array_equal(np.rot90(observed[0][0], k=-1), observed[1][0])
+    assert observed[0][1:] == pytest.approx(observed[1][1:], rel=1e-12)
     breaches = [
-        measure_violations(site, r, margin_m=5.0).total for site, r in ((plain, route), (turned, turned_places(route)))
+        measure_violations(site, r, margin_m=5.0).total
+        for site, r in ((plain, route), (turned, turned_positions(route)))
     ]
     assert breaches[0] > 0.0
     assert breaches[0] == pytest.approx(breaches[1], rel=1e-9)

@@ -44,13 +44,13 @@ def test_where_hardly_any_ground_is_in_view_all_the_way_likely_pictures_count(
         )
         for lines in (5, 6)
     ]  # fmt: skip
-    judged = [judging.share_of_coverable(judging.seen(route.waypoints_m)) for route in routes]
+    judged = [judging.fraction_of_coverable(judging.observed(route.waypoints_m)) for route in routes]
 
     def off(counting: RouteProblem) -> float:
-        counted = [float(state_of(counting, route, capacity=len(route)).seen[0]) for route in routes]
+        counted = [float(state_of(counting, route, capacity=len(route)).observed[0]) for route in routes]
         return max(abs(a - b) for a, b in zip(counted, judged, strict=True))
 
-    starts = [SearchStart(route, seen) for route, seen in zip(routes, judged, strict=True)]
+    starts = [SearchStart(route, observed) for route, observed in zip(routes, judged, strict=True)]
     counted_on = counted_as_judged(problem, judging, starts)
     assert (counted_on.numbers.trigger_m < problem.numbers.trigger_m) is likely
     assert off(counted_on) < 0.03
@@ -62,13 +62,13 @@ def test_likely_pictures_are_counted_on_the_finest_cells_before_the_end(
     terrain: str, finest: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Their count was 3 points too high over a canyon, and closing the gaps took half of the way again."""
-    asked = list[bool]()
+    required = list[bool]()
 
     def search(work: Work, starts: list[SearchStart], **_: object) -> list[SearchStart]:
-        asked.append(work.finest is not None)
+        required.append(work.finest is not None)
         return starts
 
     monkeypatch.setattr(improve, "search_goals", search)
     site = load_site(str(write_scenario(tmp_path, terrain, "sparse")))
     plan(site, SearchRequest(evaluations=60, select="coverage>=0.98", workers=1))
-    assert asked == [finest]
+    assert required == [finest]

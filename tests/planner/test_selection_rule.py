@@ -12,7 +12,7 @@ from uavcover.planner.selection_rule import (
     parse_rule,
     select,
     select_flown,
-    without_flukes,
+    without_overfitted,
 )
 
 
@@ -133,25 +133,25 @@ def test_a_route_that_its_cells_flatter_is_not_chosen():
     members = [member(0.9802, 5, 100.0), member(0.9805, 5, 101.0), member(0.9803, 5, 105.0), member(0.99, 5, 120.0)]
     truths = [0.976, 0.9793, 0.9801, 0.9899]
     rule = parse_rule("coverage>=0.98")
-    left = without_flukes(members, rule, _elsewhere(members, truths), cells=10_000)
+    left = without_overfitted(members, rule, _elsewhere(members, truths), cells=10_000)
     assert left == members[2:]
     assert left[select(left, rule).index] is members[2]
 
 
 def test_what_the_rule_would_not_choose_is_not_looked_at():
     members = [member(0.9801, 5, 100.0), member(0.99, 5, 120.0), member(0.95, 5, 80.0)]
-    looked = []
-    left = without_flukes(
-        members, parse_rule("coverage>=0.98"), lambda route: looked.append(route) or 0.9801, cells=10_000
+    evaluated = []
+    left = without_overfitted(
+        members, parse_rule("coverage>=0.98"), lambda route: evaluated.append(route) or 0.9801, cells=10_000
     )
     assert left == members
-    assert looked == [members[0].route]
+    assert evaluated == [members[0].route]
 
 
 def test_when_none_is_confirmed_the_one_that_lacks_least_stays():
     members = [member(0.9802, 5, 100.0), member(0.9803, 5, 101.0), member(0.97, 5, 90.0)]
     rule = parse_rule("coverage>=0.98")
-    left = without_flukes(members, rule, _elsewhere(members, [0.97, 0.975, 0.97]), cells=10_000)
+    left = without_overfitted(members, rule, _elsewhere(members, [0.97, 0.975, 0.97]), cells=10_000)
     assert left == members[1:]
     choice = select(left, rule)
     assert (left[choice.index], choice.met) == (members[1], True)
@@ -161,17 +161,17 @@ def test_when_none_is_confirmed_the_one_that_lacks_least_stays():
 def test_the_other_rules_do_not_fall_for_luck_either(text):
     members = [member(0.9, 4, 90.0), member(0.95, 4, 95.0), member(0.97, 4, 96.0)]
     rule = parse_rule(text)
-    lucky = members[select(members, rule).index]
-    truths = [m.metrics.coverage_of_coverable - (0.02 if m is lucky else 0.0) for m in members]
-    assert lucky not in without_flukes(members, rule, _elsewhere(members, truths), cells=10_000)
-    assert without_flukes(members, parse_rule("index:2"), lambda _: 0.0, cells=10_000) == members
+    overfitted = members[select(members, rule).index]
+    truths = [m.metrics.coverage_of_coverable - (0.02 if m is overfitted else 0.0) for m in members]
+    assert overfitted not in without_overfitted(members, rule, _elsewhere(members, truths), cells=10_000)
+    assert without_overfitted(members, parse_rule("index:2"), lambda _: 0.0, cells=10_000) == members
 
 
 def test_of_few_cells_two_say_nothing():
     members = [member(0.98, 5, 100.0), member(0.99, 5, 120.0)]
     rule = parse_rule("coverage>=0.98")
-    assert without_flukes(members, rule, lambda _: 0.965, cells=100) == members
-    assert without_flukes(members, rule, lambda _: 0.965, cells=1000) != members
+    assert without_overfitted(members, rule, lambda _: 0.965, cells=100) == members
+    assert without_overfitted(members, rule, lambda _: 0.965, cells=1000) != members
 
 
 def flown(member: RouteMember, sorties: int, vehicles: int, makespan_s: float) -> RouteMember:

@@ -57,13 +57,13 @@ def test_the_programs_agree_with_trying_everything(seed):
     everything = naive.worth(sets, weight, range(len(sets)))
     assert reduced.reachable == pytest.approx(everything)
     program = CoverProgram(reduced)
-    for share in (0.4, 0.8, 1.0):
-        goal = share * everything
+    for fraction in (0.4, 0.8, 1.0):
+        goal = fraction * everything
         best = naive.fewest(sets, weight, goal - 1e-9)
-        answer = program.fewest_places(goal, ALL)
+        answer = program.fewest_positions(goal, ALL)
         assert answer.bound == best == len(answer.chosen)
         assert candidates.coverage_of(answer.chosen) >= goal - 1e-6
-        assert program.fewest_places(goal, RELAXED).bound <= best
+        assert program.fewest_positions(goal, RELAXED).bound <= best
         greedy = greedy_cover(reduced, goal)
         assert candidates.coverage_of(greedy) >= goal - 1e-6
         assert len(greedy) >= best
@@ -79,7 +79,7 @@ def test_the_programs_agree_with_trying_everything(seed):
 
 
 def test_nothing_needs_no_place():
-    answer = CoverProgram(reduce(candidates_of([{0}, {1}], [0.5, 0.5]))).fewest_places(0.0, ALL)
+    answer = CoverProgram(reduce(candidates_of([{0}, {1}], [0.5, 0.5]))).fewest_positions(0.0, ALL)
     assert (answer.bound, len(answer.chosen)) == (0.0, 0)
 
 
@@ -104,22 +104,23 @@ def dome():
 
 def test_the_lattice_lies_inside_the_limits_and_sees_what_the_map_says(dome):
     candidates = finest_lattice_candidates(dome, spacing_m=20.0, most=100_000)
-    places = candidates.places_m
-    assert np.array_equal(places, 20.0 * np.rint(places / 20.0))
-    assert set(places[:, 2]) == {40.0, 60.0, 80.0}
-    assert measure_violations(dome.site, places, margin_m=0.0).total == 0.0
-    for k in (0, len(places) // 2, len(places) - 1):
-        seen = candidates.cells[candidates.start[k] : candidates.start[k + 1]]
+    positions = candidates.positions_m
+    assert np.array_equal(positions, 20.0 * np.rint(positions / 20.0))
+    assert set(positions[:, 2]) == {40.0, 60.0, 80.0}
+    assert measure_violations(dome.site, positions, margin_m=0.0).total == 0.0
+    for k in (0, len(positions) // 2, len(positions) - 1):
+        observed = candidates.cells[candidates.start[k] : candidates.start[k + 1]]
         assert (
-            seen.tolist() == np.flatnonzero(dome.seen_by(LevelObservations.towards_north(places[k : k + 1]))).tolist()
+            observed.tolist()
+            == np.flatnonzero(dome.observed_by(LevelObservations.towards_north(positions[k : k + 1]))).tolist()
         )
     assert candidates.weight.sum() == pytest.approx(1.0)
-    assert candidates.in_words == f"lattice of 20 m, {len(places):,} places"
+    assert candidates.text == f"lattice of 20 m, {len(positions):,} places"
 
 
 def test_a_lattice_gets_coarser_until_it_has_few_enough_places(dome):
     coarse = finest_lattice_candidates(dome, spacing_m=0.01, most=300)
-    assert len(coarse.places_m) <= 300
+    assert len(coarse.positions_m) <= 300
     assert coarse.spacing_m == 0.01 * 2.0 ** round(np.log2(coarse.spacing_m / 0.01))
 
 
@@ -129,29 +130,29 @@ def test_a_band_without_a_level_of_the_lattice_has_places_in_its_middle():
         limits={"min_height_agl_m": 42.0, "max_height_agl_m": 44.0, "height_margin_m": 0.0, "applies_to": "waypoints"},
         cell_m=20.0,
     )
-    places = finest_lattice_candidates(CoverageMap(site, cell_size_m=20.0), spacing_m=20.0, most=10_000).places_m
-    assert len(places) > 100
-    assert set(places[:, 2]) == {43.0}
+    positions = finest_lattice_candidates(CoverageMap(site, cell_size_m=20.0), spacing_m=20.0, most=10_000).positions_m
+    assert len(positions) > 100
+    assert set(positions[:, 2]) == {43.0}
 
 
 def test_one_level_lies_at_one_height(dome):
-    places = level_candidates(dome, spacing_m=30.0, height_agl_m=55.0).places_m
-    assert set(places[:, 2]) == {55.0}
+    positions = level_candidates(dome, spacing_m=30.0, height_agl_m=55.0).positions_m
+    assert set(positions[:, 2]) == {55.0}
 
 
 @pytest.mark.parametrize("name", ["greedy-set-cover", "set-cover"])
 def test_covers_are_feasible_routes_that_see_all(dome, name):
     settings = PlannerSettings(encoding="waypoints", initial=(name,))
-    (baseline,) = constructed_routes(dome, settings, asked=None, executor=None, left_s=lambda: math.inf)
+    (baseline,) = constructed_routes(dome, settings, required=None, executor=None, left_s=lambda: math.inf)
     assert baseline.name == name
     assert baseline.violation == 0.0
-    assert dome.share_of_coverable(dome.seen(baseline.route.waypoints_m)) == pytest.approx(1.0)
-    assert -baseline.objectives[0] == pytest.approx(dome.share(dome.coverable))
+    assert dome.fraction_of_coverable(dome.observed(baseline.route.waypoints_m)) == pytest.approx(1.0)
+    assert -baseline.objectives[0] == pytest.approx(dome.fraction(dome.coverable))
 
 
 def test_a_cover_never_has_more_waypoints_than_are_allowed(dome):
     settings = PlannerSettings(encoding="waypoints", initial=("greedy-set-cover",), max_waypoints=2)
-    (baseline,) = constructed_routes(dome, settings, asked=None, executor=None, left_s=lambda: math.inf)
+    (baseline,) = constructed_routes(dome, settings, required=None, executor=None, left_s=lambda: math.inf)
     assert len(baseline.route) == 2
 
 
@@ -167,8 +168,8 @@ def test_a_cover_takes_a_finer_lattice_only_while_there_is_time_for_it(dome, mon
 
     def made_with(left_s):
         spacings.clear()
-        (baseline,) = constructed_routes(dome, settings, asked=None, executor=None, left_s=left_s)
-        assert dome.share_of_coverable(dome.seen(baseline.route.waypoints_m)) == pytest.approx(1.0)
+        (baseline,) = constructed_routes(dome, settings, required=None, executor=None, left_s=left_s)
+        assert dome.fraction_of_coverable(dome.observed(baseline.route.waypoints_m)) == pytest.approx(1.0)
         return list(spacings)
 
     (finest,) = made_with(lambda: math.inf)
@@ -183,12 +184,12 @@ def test_a_cover_takes_a_finer_lattice_only_while_there_is_time_for_it(dome, mon
 def test_along_a_path_a_cover_is_laid_over_the_terrain():
     site = make_site(planner={"initial": ("greedy-set-cover",)})
     coverage = CoverageMap(site, cell_size_m=20.0)
-    found = constructed_routes(coverage, site.scenario.planner, asked=0.9, executor=None, left_s=lambda: math.inf)
+    found = constructed_routes(coverage, site.scenario.planner, required=0.9, executor=None, left_s=lambda: math.inf)
     cover = found[-1]
     assert [found[0].name, cover.name] == ["boustrophedon", "greedy-set-cover"]
     assert cover.layout is None
     assert cover.violation == 0.0
-    assert coverage.share_of_coverable(coverage.seen(cover.route.waypoints_m)) >= 0.9
+    assert coverage.fraction_of_coverable(coverage.observed(cover.route.waypoints_m)) >= 0.9
 
 
 @pytest.mark.thinned(2)
@@ -204,7 +205,7 @@ def test_a_local_search_always_has_a_baseline_and_a_cover_at_waypoints(sensing, 
         obstacles=Obstacles(prisms=(tower(120.0, 80.0, 160.0, 120.0, 30.0),), clearance_beside_m=8.0),
     )
     coverage = CoverageMap(site, cell_size_m=20.0)
-    found = constructed_routes(coverage, site.scenario.planner, asked=0.9, executor=None, left_s=lambda: math.inf)
+    found = constructed_routes(coverage, site.scenario.planner, required=0.9, executor=None, left_s=lambda: math.inf)
     assert {baseline.name for baseline in found} >= {"set-cover" if sensing == "at-waypoints" else "boustrophedon"}
     assert any(baseline.violation == 0.0 and -baseline.objectives[0] > 0.5 for baseline in found)
 

@@ -9,10 +9,10 @@ import pytest
 from tests.planner.sites import EXACT, Ups, flat, hills, make_site, ridge
 from tests.planner.test_memetic import SPHERE, make_plan
 from uavcover.errors import ScenarioError
-from uavcover.kernels.way_cost import LENGTH, route_cost
+from uavcover.kernels.path_cost import LENGTH, route_cost
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.missions.objectives import judge_member
-from uavcover.missions.way_cost import way_cost_of, waypoint_price_of
+from uavcover.missions.path_cost import path_cost_of, waypoint_price_of
 from uavcover.model.route import Route
 from uavcover.model.sensor import FrameCamera, SphereSensor
 from uavcover.planner.final_changes import simplified
@@ -22,7 +22,7 @@ from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.site_maps import judging_maps, planning_map
 
 LIMITS = {"height_margin_m": 5.0}
-PICTURES = FrameCamera(
+PHOTOS = FrameCamera(
     kind="frame-camera", fov_across_deg=70.0, fov_along_deg=55.0, range_m=200.0, forward_overlap=0.6, side_overlap=0.3
 )
 
@@ -41,7 +41,7 @@ def test_a_line_over_flat_ground_keeps_its_ends_alone() -> None:
     site = make_site(flat, limits=LIMITS, home=None)
     route = lines(site, every_m=5.0)
     assert len(route) > 150
-    simpler = simplified(judging_maps(site), route, asked=None)
+    simpler = simplified(judging_maps(site), route, required=None)
     assert simpler is not None
     assert len(simpler) <= 6
     assert simpler.length_m <= route.length_m
@@ -50,48 +50,48 @@ def test_a_line_over_flat_ground_keeps_its_ends_alone() -> None:
 def test_where_there_is_no_time_one_sweep_is_made() -> None:
     """Of a route that keeps coverage beyond what is asked for, which takes many sweeps to give up."""
     site = make_site(hills, limits=LIMITS)
-    route, maps, asked = lines(site, every_m=5.0), judging_maps(site), []
+    route, maps, required = lines(site, every_m=5.0), judging_maps(site), []
 
     def is_over() -> bool:
-        asked.append(True)
+        required.append(True)
         return True
 
-    hurried = simplified(maps, route, asked=0.5, is_over=is_over)
-    patient = simplified(maps, route, asked=0.5)
-    assert len(asked) == 1
+    hurried = simplified(maps, route, required=0.5, is_over=is_over)
+    patient = simplified(maps, route, required=0.5)
+    assert len(required) == 1
     assert hurried is not None
     assert patient is not None
     assert len(patient) < len(hurried) < len(route)
 
 
 @pytest.mark.parametrize("ups", [hills, ridge(150.0, 60.0)], ids=["hills", "ridge"])
-@pytest.mark.parametrize("sensor", [None, PICTURES, dataclasses.replace(SPHERE, sensing="at-waypoints")])
-@pytest.mark.parametrize("asked", [None, 0.5, 0.9, 1.0])
-def test_coverage_limits_and_cost_are_kept(ups: Ups, sensor: object, asked: float | None) -> None:
+@pytest.mark.parametrize("sensor", [None, PHOTOS, dataclasses.replace(SPHERE, sensing="at-waypoints")])
+@pytest.mark.parametrize("required", [None, 0.5, 0.9, 1.0])
+def test_coverage_limits_and_cost_are_kept(ups: Ups, sensor: object, required: float | None) -> None:
     # Without a home waypoints are passed exactly, where a sensor looks from them.
     home = None if isinstance(sensor, SphereSensor) else (-100.0, 50.0)
     site = make_site(ups, limits=LIMITS, vehicle=EXACT, home=home, **({} if sensor is None else {"sensor": sensor}))
     route, maps = lines(site, every_m=20.0), judging_maps(site)
     before = judge_member(maps[0], route, "before", margin_m=5.0)
     assert before.violation == 0.0
-    simpler = simplified(maps, route, asked=asked)
+    simpler = simplified(maps, route, required=required)
     assert simpler is not None, "on any ground a waypoint every 20 m is more than enough"
     after = judge_member(maps[0], simpler, "after", margin_m=5.0)
     assert after.violation == 0.0
     assert after.metrics.cost < before.metrics.cost
     assert after.metrics.waypoint_count < before.metrics.waypoint_count
     had, has = before.metrics.coverage_of_coverable, after.metrics.coverage_of_coverable
-    assert has >= (had if asked is None or had < asked else min(had, asked + SAFETY)) - 1e-9
+    assert has >= (had if required is None or had < required else min(had, required + SAFETY)) - 1e-9
     for finer in maps[1:]:
-        old, new = (finer.share_of_coverable(finer.seen(each.waypoints_m)) for each in (route, simpler))
-        assert new >= min(old - SAFETY, 1.0 if asked is None else asked) - 1e-9
-    again = simplified(maps, simpler, asked=asked)
+        old, new = (finer.fraction_of_coverable(finer.observed(each.waypoints_m)) for each in (route, simpler))
+        assert new >= min(old - SAFETY, 1.0 if required is None else required) - 1e-9
+    again = simplified(maps, simpler, required=required)
     assert again is None or len(again) > 0.8 * len(simpler), "little is left to take out"
 
 
 def test_a_waypoint_that_clears_a_ridge_stays() -> None:
     site = make_site(ridge(150.0, 60.0), limits=LIMITS)
-    simpler = simplified(judging_maps(site), lines(site), asked=0.97)
+    simpler = simplified(judging_maps(site), lines(site), required=0.97)
     assert simpler is not None
     assert measure_violations(site, simpler.waypoints_m, margin_m=5.0).total == 0.0
     higher = simpler.waypoints_m[simpler.waypoints_m[:, 2] > 95.0]
@@ -131,10 +131,10 @@ def test_the_price_by_default_is_a_share_of_what_the_sensor_sees() -> None:
     assert waypoint_price_of(timed) == pytest.approx(0.01 * radius_m / 10.0), "seconds at cruise speed"
     assert waypoint_price_of(timed.minimising(waypoint_price=0.0)) == 0.0
     assert waypoint_price_of(load_site("paper-R2")) == 0.0, "every waypoint is a picture"
-    way = way_cost_of(lengths.minimising(waypoint_price=3.0))
+    path_cost = path_cost_of(lengths.minimising(waypoint_price=3.0))
     route = np.array([[0.0, 0.0, 80.0], [100.0, 0.0, 80.0], [100.0, 50.0, 80.0]])
-    assert way.unit == LENGTH
-    assert route_cost(lengths.ground.surface, way, route) == pytest.approx(150.0 + 9.0)
+    assert path_cost.unit == LENGTH
+    assert route_cost(lengths.ground.surface, path_cost, route) == pytest.approx(150.0 + 9.0)
     for wrong in (-1.0, float("nan"), float("inf")):
         with pytest.raises(ScenarioError, match="waypoint_price"):
             timed.minimising(waypoint_price=wrong)

@@ -34,16 +34,16 @@ def planned(site: Site, algorithm: str, snapshots: Snapshots | None, *, evaluati
 def test_a_moment_keeps_what_there_is_and_only_once() -> None:
     snapshots = Snapshots([2.0, 1.0])
     one, two, three = ((Route(np.full((1, 3), k)), "x") for k in (1.0, 2.0, 3.0))
-    asked: list[int] = []
+    required: list[int] = []
 
     def found(*routes: tuple[Route, str]) -> list[tuple[Route, str]]:
-        asked.append(len(routes))
+        required.append(len(routes))
         return list(routes)
 
     snapshots.look(0.9, lambda: found(one))
     snapshots.look(1.0, lambda: found(one, two))
     snapshots.look(1.5, lambda: found(one, two, three))
-    assert asked == [2]
+    assert required == [2]
     assert snapshots.moments_s == (1.0, 2.0)
     snapshots.close([three])
     assert snapshots.taken == {1.0: (one, two), 2.0: (three,)}
@@ -54,8 +54,8 @@ def test_a_moment_keeps_what_there_is_and_only_once() -> None:
 def test_looking_changes_nothing_and_earlier_moments_have_less(algorithm: str) -> None:
     site = make_site(hills)
     snapshots = Snapshots([0.03, 0.08, 1e6])
-    seen, unseen = planned(site, algorithm, snapshots), planned(site, algorithm, None)
-    assert [m.metrics for m in seen.members] == [m.metrics for m in unseen.members]
+    observed, unobserved = planned(site, algorithm, snapshots), planned(site, algorithm, None)
+    assert [m.metrics for m in observed.members] == [m.metrics for m in unobserved.members]
     early, late, end = (snapshots.taken[moment] for moment in snapshots.moments_s)
     assert end == snapshots.last
     assert early[0][1] == "boustrophedon"
@@ -84,7 +84,7 @@ def test_a_spread_of_powers_of_two_changes_no_proposal() -> None:
     scale = _spread(objectives)
     assert scale.tolist() == [1.0, 64.0, 131072.0]
     assert _spread(np.ones((4, 3))).tolist() == [1.0, 1.0, 1.0]
-    asked = []
+    required = []
     for divisor in (np.ones(3), scale):
         optimizer = ALGORITHMS["imodbo"](
             np.zeros(5), np.ones(5), n_objectives=3, population_size=30, max_iterations=5, seed=1
@@ -93,5 +93,5 @@ def test_a_spread_of_powers_of_two_changes_no_proposal() -> None:
             x = optimizer.ask()
             values = np.column_stack([-x[:, 0], 60.0 * (x[:, 1] + x[:, 2] ** 2), 1e5 * np.abs(x[:, 3] - x[:, 0])])
             optimizer.tell(values / divisor)
-        asked.append(optimizer.pareto_set().x)
-    assert np.array_equal(*asked)
+        required.append(optimizer.pareto_set().x)
+    assert np.array_equal(*required)

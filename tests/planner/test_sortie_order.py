@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tests.planner.sites import make_site, ridge, with_scenario
-from uavcover.kernels.way_cost import split
-from uavcover.missions.fleet_cuts import share_out
+from uavcover.kernels.path_cost import split
+from uavcover.missions.fleet_cuts import allocate
 from uavcover.missions.flights import compile_sorties
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.missions.objectives import judge_member, mission_cost, straight_flight_costs
@@ -19,8 +19,8 @@ from uavcover.planner.sortie_order.order_costs import (
     NO_LINK_S,
     OrderCosts,
     Stretches,
-    first_place,
-    last_place,
+    first_position,
+    last_position,
     stretches_of,
 )
 from uavcover.planner.sortie_order.reorder import OrderEffort, better_order, has_several_sorties, reordered
@@ -44,7 +44,7 @@ def windy(site: Site) -> Site:
 
 def costs_of(site: Site, route: Route) -> tuple[OrderCosts, Stretches]:
     stretches = stretches_of(site, route)
-    return OrderCosts(site, stretches, straight_flight_costs(site, route.waypoints_m, way_items=2)), stretches
+    return OrderCosts(site, stretches, straight_flight_costs(site, route.waypoints_m, transit_items=2)), stretches
 
 
 VEHICLE = {"endurance_s": 270.0, "max_airspeed_m_s": 14.0, "power": PowerModel(hover_induced_m_s=3.0)}
@@ -64,13 +64,13 @@ def test_an_order_costs_what_the_split_of_its_route_does(wind: bool, limit: dict
         mine = costs.flights(order)
         laid = stretches.joined(order)
         # The same cost from the waypoints, where flights end only at ends of stretches, as in the tables.
-        whole = straight_flight_costs(site, laid.waypoints_m, way_items=2)
+        whole = straight_flight_costs(site, laid.waypoints_m, transit_items=2)
         ends, at = [0], 0
         for number, following in itertools.zip_longest(order, order[1:]):
             at += 1
             ends.append(at)
-            if following is not None and last_place(number) != first_place(following):
-                at += 1 + len(stretches.links_m[last_place(number), first_place(following)])
+            if following is not None and last_position(number) != first_position(following):
+                at += 1 + len(stretches.links_m[last_position(number), first_position(following)])
         inner = np.setdiff1d(np.arange(len(laid)), ends)
         there, back = whole.there_s.copy(), whole.back_s.copy()
         there[inner] = back[inner] = math.inf
@@ -85,12 +85,12 @@ def test_an_order_costs_what_the_split_of_its_route_does(wind: bool, limit: dict
 def test_the_order_found_is_the_best_of_all(seed: int) -> None:
     site = make_site(vehicle={**VEHICLE, "endurance_s": 180.0})
     rng = np.random.default_rng(seed)
-    places = np.column_stack([rng.uniform(10.0, 290.0, 6), rng.uniform(10.0, 190.0, 6), np.full(6, 60.0)])
-    costs, _ = costs_of(site, Route(places))
+    positions = np.column_stack([rng.uniform(10.0, 290.0, 6), rng.uniform(10.0, 190.0, 6), np.full(6, 60.0)])
+    costs, _ = costs_of(site, Route(positions))
     best = min(
-        costs.total_s(2 * np.array(order) + np.array(ways))
+        costs.total_s(2 * np.array(order) + np.array(paths))
         for order in itertools.permutations(range(5))
-        for ways in itertools.product((0, 1), repeat=5)
+        for paths in itertools.product((0, 1), repeat=5)
     )
     found_s, order = better_order(costs, costs.as_it_is, done=lambda k: k / 100, rng=np.random.default_rng(1))
     assert found_s == pytest.approx(costs.total_s(order))
@@ -114,7 +114,7 @@ def test_links_keep_the_limits_and_lead_over_a_ridge() -> None:
     margin_m = site.scenario.limits.height_margin_m
     assert stretches.links_m
     for (a, b), between in stretches.links_m.items():
-        path = np.vstack([stretches.places_m[a], between, stretches.places_m[b]])
+        path = np.vstack([stretches.positions_m[a], between, stretches.positions_m[b]])
         assert measure_violations(site, path, margin_m=margin_m).total == 0.0
 
 
@@ -144,7 +144,7 @@ def test_sorties_are_done_sooner_and_see_as_much() -> None:
     route = lines(site)
     judges = judging_maps(site)
     assert has_several_sorties(site, route)
-    found = reordered(site, judges, route, OrderEffort(150, 1), asked=None)
+    found = reordered(site, judges, route, OrderEffort(150, 1), required=None)
     assert found is not None
     assert mission_cost(site, found).time_s < 0.95 * mission_cost(site, route).time_s
     flown_s = [
@@ -152,9 +152,9 @@ def test_sorties_are_done_sooner_and_see_as_much() -> None:
         for each in (found, route)
     ]
     assert flown_s[0] < flown_s[1]
-    seen = [judging_map(site).seen(each.waypoints_m) for each in (found, route)]
-    assert (seen[0] | ~seen[1]).all()
-    again = reordered(site, judges, route, OrderEffort(150, 1), asked=None)
+    observed = [judging_map(site).observed(each.waypoints_m) for each in (found, route)]
+    assert (observed[0] | ~observed[1]).all()
+    again = reordered(site, judges, route, OrderEffort(150, 1), required=None)
     assert again is not None
     assert np.array_equal(again.waypoints_m, found.waypoints_m)
 
@@ -162,32 +162,32 @@ def test_sorties_are_done_sooner_and_see_as_much() -> None:
 def test_one_sortie_keeps_its_order() -> None:
     site = make_site(vehicle={"endurance_s": 5000.0})
     assert not has_several_sorties(site, lines(site))
-    assert reordered(site, judging_maps(site), lines(site), OrderEffort(50, 1), asked=None) is None
+    assert reordered(site, judging_maps(site), lines(site), OrderEffort(50, 1), required=None) is None
 
 
 def test_a_route_that_is_to_be_short_keeps_its_order() -> None:
     site = make_site(vehicle=VEHICLE)
     site = with_scenario(site, planner=dataclasses.replace(site.scenario.planner, objective="length"))
-    assert reordered(site, judging_maps(site), lines(site), OrderEffort(50, 1), asked=None) is None
+    assert reordered(site, judging_maps(site), lines(site), OrderEffort(50, 1), required=None) is None
 
 
 def test_no_time_no_search() -> None:
     site = make_site(vehicle=VEHICLE)
     effort = OrderEffort(50, 1, used=lambda: 1.0)
-    assert reordered(site, judging_maps(site), lines(site), effort, asked=None) is None
+    assert reordered(site, judging_maps(site), lines(site), effort, required=None) is None
 
 
 def test_less_coverage_is_no_other_order(monkeypatch: pytest.MonkeyPatch) -> None:
     site = make_site(vehicle=VEHICLE)
     route = lines(site)
     judges = judging_maps(site)
-    seen = judges[0].seen
+    observed = judges[0].observed
 
     def less_elsewhere(points_m: np.ndarray) -> np.ndarray:
-        return seen(points_m) if np.array_equal(points_m, route.waypoints_m) else seen(points_m[:2])
+        return observed(points_m) if np.array_equal(points_m, route.waypoints_m) else observed(points_m[:2])
 
-    monkeypatch.setattr(judges[0], "seen", less_elsewhere)
-    assert reordered(site, judges, route, OrderEffort(100, 1), asked=None) is None
+    monkeypatch.setattr(judges[0], "observed", less_elsewhere)
+    assert reordered(site, judges, route, OrderEffort(100, 1), required=None) is None
 
 
 def test_the_choice_is_the_route_in_the_better_order() -> None:
@@ -214,7 +214,7 @@ def test_an_order_with_more_waypoints_than_allowed_is_not_chosen() -> None:
     fine = judging_map(site)
     member = judge_member(fine, route, "lines", margin_m=0.0)
     settings = dataclasses.replace(site.scenario.planner, max_waypoints=len(route))
-    found = reordered(site, judging_maps(site), route, OrderEffort(60, 1), asked=None)
+    found = reordered(site, judging_maps(site), route, OrderEffort(60, 1), required=None)
     assert found is not None
     assert len(found) > len(route)
     chosen = choose(
@@ -227,18 +227,18 @@ def test_an_order_with_more_waypoints_than_allowed_is_not_chosen() -> None:
 def test_the_stop_of_the_user_ends_the_search() -> None:
     site = make_site(vehicle=VEHICLE)
     effort = OrderEffort(50, 1, should_stop=lambda: True)
-    assert reordered(site, judging_maps(site), lines(site), effort, asked=None) is None
+    assert reordered(site, judging_maps(site), lines(site), effort, required=None) is None
 
 
 def test_two_vehicles_are_not_done_later() -> None:
     site = with_scenario(make_site(vehicle=VEHICLE), fleet=Fleet(vehicles=2, turnaround_s=20.0))
     route = lines(site)
-    found = reordered(site, judging_maps(site), route, OrderEffort(60, 1), asked=None)
+    found = reordered(site, judging_maps(site), route, OrderEffort(60, 1), required=None)
     assert found is not None
     done_s = []
     for each in (found, route):
         sorties = compile_sorties(site, each, autopilot="ardupilot", vehicles=2)
         times_s = [sortie.compiled.flight_time_s for sortie in sorties]
-        done_s.append((share_out(times_s, 2, 20.0).makespan_s, sum(times_s)))
+        done_s.append((allocate(times_s, 2, 20.0).makespan_s, sum(times_s)))
     assert done_s[0][0] <= done_s[1][0]
     assert done_s[0][1] <= done_s[1][1]

@@ -241,8 +241,8 @@ def test_lines_that_return_see_the_whole_area_and_end_beside_their_beginning(lin
     route = fly_layout(site, dataclasses.replace(layout(lines, start=start), returns=True)).waypoints_m
     apart_m = north / lines
     # Nothing lies farther from it than half the distance between lines, but the corners where a line meets the return line.
-    places = shapely.points(*np.meshgrid(np.linspace(0.0, east, 31), np.linspace(0.0, north, 41)))
-    away_m = shapely.distance(shapely.LineString(route[:, :2]), places)
+    positions = shapely.points(*np.meshgrid(np.linspace(0.0, east, 31), np.linspace(0.0, north, 41)))
+    away_m = shapely.distance(shapely.LineString(route[:, :2]), positions)
     assert away_m.max() <= apart_m / math.sqrt(2.0) + 1e-6
     assert np.mean(away_m > 0.5 * apart_m + 1e-6) < 0.03
     assert np.hypot(*(route[-1] - route[0])[:2]) == pytest.approx(apart_m)
@@ -265,11 +265,11 @@ def test_lines_begin_where_the_ways_from_and_to_home_are_shortest(
 ) -> None:
     site = make_site(home=home)
 
-    def way_m(begun: SwathLayout) -> float:
+    def length_m(begun: SwathLayout) -> float:
         ends = fly_layout(site, begun).waypoints_m[[0, -1], :2]
         return float(np.hypot(*(ends - home).T).sum())
 
     wanted = dataclasses.replace(layout(lines, angle_rad=0.3), returns=returns)
     chosen = begun_near_home(site, wanted)
-    assert way_m(chosen) == pytest.approx(min(way_m(dataclasses.replace(wanted, start=k)) for k in range(4)))
+    assert length_m(chosen) == pytest.approx(min(length_m(dataclasses.replace(wanted, start=k)) for k in range(4)))
     assert (chosen.returns, chosen.angle_rad, len(chosen.gaps)) == (returns, 0.3, lines + 1)

@@ -8,7 +8,7 @@ import pytest
 
 from tests.planner.sites import make_site
 from tests.planner.test_planner import frozen
-from uavcover.kernels.annealing import Prices, Schedule, anneal
+from uavcover.kernels.annealing import Schedule, Weights, anneal
 from uavcover.model.route import Plan, Route
 from uavcover.model.scenario import InitialRoute
 from uavcover.model.sensor import DiscSensor
@@ -66,10 +66,10 @@ def test_a_tour_of_more_than_the_fewest_waypoints_is_shorter() -> None:
 def test_a_search_that_is_stopped_at_once_has_routes_of_fewer_waypoints_too() -> None:
     site = row_of_cells()
     settings = dataclasses.replace(site.scenario.planner, algorithm="local-search")
-    seen: list[SearchProgress] = []
+    observed: list[SearchProgress] = []
     plan = plan_routes(
         site, settings=settings, select_rule="max-coverage", effort=Effort(600, None, frozen),
-        should_stop=lambda: len(seen) >= 1, on_progress=seen.append,
+        should_stop=lambda: len(observed) >= 1, on_progress=observed.append,
     )  # fmt: skip
     assert plan.interrupted
     thinned = {m.metrics.waypoint_count: m.metrics for m in plan.members if m.origin == "local-search"}
@@ -84,10 +84,10 @@ def test_where_all_is_seen_waypoints_come_in_beside_legs() -> None:
     problem = route_problem(coverage, margin_m=0.0, reach_m=RADIUS_M)
     least_m = [60.0, 180.0, 240.0, 340.0]
     state = state_of(problem, Route([[east, 20.0, 50.0] for east in least_m]), capacity=8)
-    assert state.seen[0] == pytest.approx(1.0)
+    assert state.observed[0] == pytest.approx(1.0)
     # Waypoints are paid for, ways are dear: all that comes in is on the way.
-    prices = Prices(way=1.0, waypoint=-1.0, coverage=1e6, goal=1.0)
+    weights = Weights(path=1.0, waypoint=-1.0, coverage=1e6, goal=1.0)
     rng = np.random.default_rng(1)
-    anneal(problem.numbers, prices, Schedule(20_000, 0.1, 0.01, 20.0, 1, 8, TUNED.moves), state, rng)
+    anneal(problem.numbers, weights, Schedule(20_000, 0.1, 0.01, 20.0, 1, 8, TUNED.moves), state, rng)
     assert state.size[0] == 8
-    assert state.seen[0] == pytest.approx(1.0)
+    assert state.observed[0] == pytest.approx(1.0)

@@ -12,7 +12,7 @@ def write(path: Path, flight: Flight) -> Path:
         coverage=flight.coverage,
         planned=flight.planned,
         track=flight.track,
-        first_seen_s=flight.first_seen_s,
+        first_observed_s=flight.first_observed_s,
         events=flight.events,
         states=flight.states,
     )

@@ -19,7 +19,7 @@ class Flight:
     coverage: CoverageMap
     planned: Route
     track: Track
-    first_seen_s: NDArray[np.float64]
+    first_observed_s: NDArray[np.float64]
     events: tuple[RecordedEvent, ...]
     states: tuple[VehicleState, ...]
 
@@ -28,14 +28,14 @@ def lines_over(site: Site, *, spacing_m: float, count: int | None) -> Route:
     """The first lines of a boustrophedon at mid-height, so that cells stay unseen."""
     west, south, east, north = site.area.bounds
     norths = np.linspace(south, north, 7)
-    places = [
+    positions = [
         (e, n)
         for k, e in enumerate(np.arange(west + spacing_m / 2.0, east, spacing_m)[:count])
         for n in (norths if k % 2 == 0 else norths[::-1])
     ]
     limits = site.scenario.limits
     height = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
-    return Route(np.column_stack([places, site.ground.heights_m(places) + height]))
+    return Route(np.column_stack([positions, site.ground.heights_m(positions) + height]))
 
 
 def make_flight(
@@ -53,13 +53,13 @@ def make_flight(
     coverage = CoverageMap(site, cell_size_m=cell_size_m)
     planned = lines_over(site, spacing_m=line_spacing_m, count=lines)
     track = fly(site, planned.waypoints_m, speed_m_s=speed_m_s, rate_hz=rate_hz)
-    first = coverage.first_seen(LevelObservations.towards_north(track.enu_m))
+    first = coverage.first_observed(LevelObservations.towards_north(track.enu_m))
     return Flight(
         site=site,
         coverage=coverage,
         planned=planned,
         track=track,
-        first_seen_s=np.where(first >= 0, track.time_s[first], np.nan),
+        first_observed_s=np.where(first >= 0, track.time_s[first], np.nan),
         events=(
             RecordedEvent(float(track.time_s[-1]), "landed"),
             RecordedEvent(3.0, "armed"),

@@ -46,13 +46,13 @@ def samples(flight: Flight) -> list[TrackSample]:
 
 def test_its_kernel_is_ready_before_the_flight(flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     callers: list[threading.Thread] = []
-    seen_by = CoverageMap.seen_by
+    observed_by = CoverageMap.observed_by
 
     def noted(coverage: CoverageMap, observations: LevelObservations) -> BoolArray:
         callers.append(threading.current_thread())
-        return seen_by(coverage, observations)
+        return observed_by(coverage, observations)
 
-    monkeypatch.setattr(CoverageMap, "seen_by", noted)
+    monkeypatch.setattr(CoverageMap, "observed_by", noted)
     live = LiveRecording(tmp_path / "a", site=flight.site, coverage=flight.coverage, planned=flight.planned)
     assert callers == [threading.main_thread()], "its compiler would stop all threads while the vehicle flies"
     live.close()
@@ -89,7 +89,7 @@ def test_everything_is_in_it(flight: Flight, grown: Path) -> None:
     rows = {row.entity: row for row in describe_recording(grown)}
     assert {
         layout.TERRAIN, layout.PLANNED, layout.VEHICLE, layout.CAMERA, layout.FLOWN, layout.FOOTPRINT, layout.HEIGHT_AGL,
-        layout.SEEN, layout.EVENTS, layout.BATTERY_PERCENT, layout.MAP_VEHICLE, f"{layout.COVERAGE}/*",
+        layout.OBSERVED, layout.EVENTS, layout.BATTERY_PERCENT, layout.MAP_VEHICLE, f"{layout.COVERAGE}/*",
     } <= set(rows)  # fmt: skip
     assert rows[layout.EVENTS].samples == len(flight.events)
 
@@ -110,21 +110,21 @@ def test_cells_turn_as_a_level_camera_sees_them(flight: Flight, grown: Path) -> 
         green[cells[entity]] = ((rgba >> 16) & 255) > 2 * (rgba >> 24)
     route = flight.track.current_waypoint[:SAMPLES] >= 1
     np.testing.assert_array_equal(
-        green, flight.coverage.seen_by(LevelObservations.towards_north(flight.track.enu_m[:SAMPLES][route]))
+        green, flight.coverage.observed_by(LevelObservations.towards_north(flight.track.enu_m[:SAMPLES][route]))
     )
     assert green.sum() > 100
 
 
-@pytest.mark.parametrize("share", [0.5, 0.999, 0.99999])
+@pytest.mark.parametrize("fraction", [0.5, 0.999, 0.99999])
 def test_a_file_that_ends_anywhere_gives_what_is_whole(
-    flight: Flight, grown: Path, tmp_path: Path, share: float
+    flight: Flight, grown: Path, tmp_path: Path, fraction: float
 ) -> None:
     data = grown.read_bytes()
-    cut = data[: int(len(data) * share)]
+    cut = data[: int(len(data) * fraction)]
     (tmp_path / "cut.rrd").write_bytes(cut)
     assert 12 < whole_messages(cut) <= len(cut)
     # All samples were sent at once, so there are all of them or none.
-    if share == 0.5:
+    if fraction == 0.5:
         with pytest.raises(RecordingError, match="before its first sample"):
             read_recorded_track(tmp_path / "cut.rrd")
         return

@@ -90,9 +90,9 @@ def test_the_texture_lies_on_the_mesh_with_north_on_top() -> None:
     rows, columns = mesh.texture.shape[:2]
     assert (rows, columns) == (257, 512)
     corner = mesh.vertices_m[:, :2] == (50.0, 250.0)
-    np.testing.assert_allclose(mesh.texture_places[corner.all(axis=1)], [[0.5 / columns, 0.5 / rows]])
-    assert mesh.texture_places.min() > 0.0
-    assert mesh.texture_places.max() < 1.0
+    np.testing.assert_allclose(mesh.texture_positions[corner.all(axis=1)], [[0.5 / columns, 0.5 / rows]])
+    assert mesh.texture_positions.min() > 0.0
+    assert mesh.texture_positions.max() < 1.0
 
 
 def test_footprint_is_empty_out_of_reach_and_below_ground(flight: Flight) -> None:
@@ -109,7 +109,7 @@ def test_footprint_is_empty_out_of_reach_and_below_ground(flight: Flight) -> Non
 def test_seen_cells_lie_in_the_footprint(flight: Flight) -> None:
     eye = flight.track.enu_m[300:301]
     (ring,) = footprints_m(flight.coverage, eye, DOWN, NORTH)
-    centres = flight.coverage.grid.cells.centre_m[flight.coverage.seen_by(LevelObservations.towards_north(eye))]
+    centres = flight.coverage.grid.cells.centre_m[flight.coverage.observed_by(LevelObservations.towards_north(eye))]
     # The outline is known to a 40th of the reach.
     outline = shapely.Polygon(ring[:, :2]).buffer(5.0)
     assert len(centres) > 10
@@ -119,8 +119,8 @@ def test_seen_cells_lie_in_the_footprint(flight: Flight) -> None:
 def test_cells_turn_at_the_tick_after_they_were_seen() -> None:
     ticks = tick_times_s(2.0, 5.5)
     np.testing.assert_array_equal(ticks, [2.0, 3.0, 4.0, 5.0, 5.5])
-    seen = np.array([2.0, 2.1, 3.0, 5.2, 5.5, np.nan, np.inf])
-    np.testing.assert_array_equal(shown_from_s(seen, ticks), [2.0, 3.0, 3.0, 5.5, 5.5, np.inf, np.inf])
+    observed = np.array([2.0, 2.1, 3.0, 5.2, 5.5, np.nan, np.inf])
+    np.testing.assert_array_equal(shown_from_s(observed, ticks), [2.0, 3.0, 3.0, 5.5, 5.5, np.inf, np.inf])
     np.testing.assert_array_equal(tick_times_s(4.0, 4.0), [4.0])
 
 

@@ -18,7 +18,7 @@ from uavcover.recording.viewer import open_viewer, screenshot
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
-def make_picture_or_skip(recorded: Path, png: Path, at_share: float) -> bytes:
+def make_photo_or_skip(recorded: Path, png: Path, at_share: float) -> bytes:
     try:
         screenshot(recorded, png, at_share=at_share)
     except RecordingError as error:
@@ -30,11 +30,11 @@ def make_picture_or_skip(recorded: Path, png: Path, at_share: float) -> bytes:
 
 def test_pictures_of_two_moments(recorded: Path, tmp_path: Path) -> None:
     before = set(recorded.parent.iterdir())
-    early, late = (make_picture_or_skip(recorded, tmp_path / f"{at}.png", at) for at in (0.2, 1.0))
-    for picture in (early, late):
-        assert picture.startswith(PNG)
-        width, height = (int.from_bytes(picture[i : i + 4], "big") for i in (16, 20))
-        assert (width, height) == viewer.PICTURE_SIZE
+    early, late = (make_photo_or_skip(recorded, tmp_path / f"{at}.png", at) for at in (0.2, 1.0))
+    for image in (early, late):
+        assert image.startswith(PNG)
+        width, height = (int.from_bytes(image[i : i + 4], "big") for i in (16, 20))
+        assert (width, height) == viewer.IMAGE_SIZE
     assert early != late
     assert set(recorded.parent.iterdir()) == before
 
@@ -47,13 +47,13 @@ def test_a_picture_that_cannot_be_written(recorded: Path, tmp_path: Path) -> Non
 def test_a_picture_that_is_not_made_leaves_the_old_one(
     recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    picture = tmp_path / "picture.png"
-    picture.write_text("old")
+    image = tmp_path / "picture.png"
+    image.write_text("old")
     monkeypatch.setattr(viewer, "_viewer_program", lambda: tmp_path / "missing")
     with pytest.raises(RecordingError, match="cannot start the rerun viewer"):
-        screenshot(recorded, picture)
+        screenshot(recorded, image)
     assert [p.name for p in tmp_path.iterdir()] == ["picture.png"]
-    assert picture.read_text() == "old"
+    assert image.read_text() == "old"
 
 
 def test_no_screen(recorded: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -148,8 +148,8 @@ def test_a_viewer_that_ends_after_it_has_answered(
         def connect(cls, _url: str) -> Self:
             return cls()
 
-        def _end_at(self, asked: str) -> None:
-            if asked == last_answer:
+        def _end_at(self, requested: str) -> None:
+            if requested == last_answer:
                 os.kill(int(pid_file.read_text()), signal.SIGUSR1)
                 raise RuntimeError("transport error")
 
@@ -179,12 +179,14 @@ def test_a_viewer_that_ends_after_it_has_answered(
 def test_the_viewer_binds_here_only_and_sends_no_statistics(
     recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    seen = tmp_path / "seen"
+    observed = tmp_path / "seen"
     fake_viewer(
-        tmp_path, f"import os, sys; open({str(seen)!r}, 'w').write(repr((sys.argv[1:], os.environ['CI'])))", monkeypatch
+        tmp_path,
+        f"import os, sys; open({str(observed)!r}, 'w').write(repr((sys.argv[1:], os.environ['CI'])))",
+        monkeypatch,
     )
     monkeypatch.setenv("DISPLAY", ":99")
     monkeypatch.delenv("CI", raising=False)
     open_viewer(recorded)
-    assert seen.read_text() == repr((["--bind", "127.0.0.1", str(recorded), "--port", "auto"], "1"))
+    assert observed.read_text() == repr((["--bind", "127.0.0.1", str(recorded), "--port", "auto"], "1"))
     assert "CI" not in os.environ

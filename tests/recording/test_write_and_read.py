@@ -61,8 +61,8 @@ def test_values_without_a_short_decimal_come_back_exactly(flight: Flight, tmp_pa
         current_waypoint=rng.integers(-1, 2**40, n),
         **{name: np.where(rng.random(n) < 0.1, np.nan, rng.uniform(-9.0, 9.0, n)) for name in OPTIONAL_COLUMNS},
     )
-    unseen = np.full(flight.coverage.grid.count, np.nan)
-    path = write(tmp_path / "f.rrd", dataclasses.replace(flight, track=track, first_seen_s=unseen, events=()))
+    unobserved = np.full(flight.coverage.grid.count, np.nan)
+    path = write(tmp_path / "f.rrd", dataclasses.replace(flight, track=track, first_observed_s=unobserved, events=()))
     assert_equal_tracks(track, read_recorded_track(path))
 
 
@@ -102,20 +102,20 @@ def test_cells_have_the_colours_of_the_ground_truth_at_every_time(flight: Flight
             shown = [rgba for at_s, rgba in history if at_s <= time_s + 1e-9][-1]
             assert (shown.reshape(-1, 4) == shown[::4, None]).all()
             red, green = shown[::4] >> 24, (shown[::4] >> 16) & 255
-            green_at_s = flight.first_seen_s[numbers]
+            green_at_s = flight.first_observed_s[numbers]
             assert (green[green_at_s <= time_s - SCENE.tick_s] > red[green_at_s <= time_s - SCENE.tick_s] * 2).all()
-            unseen = ~(green_at_s <= time_s)
-            assert (green[unseen] <= red[unseen] * 2).all()
-            turned += int((~unseen).sum())
+            unobserved = ~(green_at_s <= time_s)
+            assert (green[unobserved] <= red[unobserved] * 2).all()
+            turned += int((~unobserved).sum())
     assert turned > 0
-    assert np.isnan(flight.first_seen_s).any()
+    assert np.isnan(flight.first_observed_s).any()
 
 
 def test_coverage_series_ends_at_the_share_that_was_seen(flight: Flight, recorded: Path) -> None:
-    chunks = RrdReader(recorded).stream().filter(content=layout.SEEN, is_static=False).to_chunks()
+    chunks = RrdReader(recorded).stream().filter(content=layout.OBSERVED, is_static=False).to_chunks()
     percent = np.concatenate([c.to_record_batch().column("Scalars:scalars").flatten().to_numpy() for c in chunks])
-    share = flight.coverage.share(np.isfinite(flight.first_seen_s))
-    assert percent[-1] == pytest.approx(100.0 * share, rel=1e-12)
+    fraction = flight.coverage.fraction(np.isfinite(flight.first_observed_s))
+    assert percent[-1] == pytest.approx(100.0 * fraction, rel=1e-12)
     assert (np.diff(percent) >= 0.0).all()
 
 
@@ -172,8 +172,8 @@ def test_a_scenario_without_a_place_on_earth_has_no_map(nowhere_flight: Flight, 
 
 def test_one_sample_is_a_recording(flight: Flight, tmp_path: Path) -> None:
     track = Track(*(getattr(flight.track, f.name)[:1] for f in dataclasses.fields(Track)))
-    unseen = np.full(flight.coverage.grid.count, np.inf)
-    path = write(tmp_path / "flight.rrd", dataclasses.replace(flight, track=track, first_seen_s=unseen))
+    unobserved = np.full(flight.coverage.grid.count, np.inf)
+    path = write(tmp_path / "flight.rrd", dataclasses.replace(flight, track=track, first_observed_s=unobserved))
     assert_equal_tracks(track, read_recorded_track(path))
 
 
@@ -244,8 +244,8 @@ def test_damaged_bytes_are_refused_or_read_exactly(flight: Flight, recorded: Pat
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"first_seen_s": np.zeros(3)}, "first_seen_s has shape"),
-        ({"first_seen_s": "late"}, "outside the flight"),
+        ({"first_observed_s": np.zeros(3)}, "first_observed_s has shape"),
+        ({"first_observed_s": "late"}, "outside the flight"),
         ({"track": "empty"}, "no samples"),
         ({"track": "standing"}, "does not increase at sample 5"),
     ],
@@ -256,8 +256,8 @@ def test_what_does_not_fit_is_refused(flight: Flight, tmp_path: Path, change: di
         change = {"track": Track(*(getattr(track, f.name)[:0] for f in dataclasses.fields(Track)))}
     elif change.get("track") == "standing":
         change = {"track": dataclasses.replace(track, time_s=np.minimum(track.time_s, track.time_s[4]))}
-    elif isinstance(change.get("first_seen_s"), str):
-        change = {"first_seen_s": np.full(flight.coverage.grid.count, track.time_s[-1] + 1.0)}
+    elif isinstance(change.get("first_observed_s"), str):
+        change = {"first_observed_s": np.full(flight.coverage.grid.count, track.time_s[-1] + 1.0)}
     with pytest.raises(RecordingError, match=message):
         write(tmp_path / "flight.rrd", dataclasses.replace(flight, **change))
     assert list(tmp_path.iterdir()) == []
@@ -269,9 +269,9 @@ def test_nowhere_to_write(flight: Flight, tmp_path: Path) -> None:
 
 
 def test_arguments_are_left_alone(flight: Flight, tmp_path: Path) -> None:
-    first_seen_s, waypoints_m = flight.first_seen_s.copy(), flight.planned.waypoints_m.copy()
+    first_observed_s, waypoints_m = flight.first_observed_s.copy(), flight.planned.waypoints_m.copy()
     write(tmp_path / "flight.rrd", flight)
-    np.testing.assert_array_equal(flight.first_seen_s, first_seen_s)
+    np.testing.assert_array_equal(flight.first_observed_s, first_observed_s)
     np.testing.assert_array_equal(flight.planned.waypoints_m, waypoints_m)
 
 

@@ -59,12 +59,12 @@ def two_sorties(folder: Path, site: Site) -> RunFolder:
     return run
 
 
-def resumed(folder: Path, site: Site, *, share: float = 0.13) -> RunFolder:
+def resumed(folder: Path, site: Site, *, fraction: float = 0.13) -> RunFolder:
     """A run whose flight ended after a share of its time, and the flight that went on with it two minutes later."""
     route = lines_over(site, spacing_m=90.0, count=4)
     run = write_run(folder, site, route, flown=False)
     track = fly(site, route.waypoints_m, speed_m_s=10.0, rate_hz=5.0)
-    end = round(share * len(track))
+    end = round(fraction * len(track))
     write_track(run.file("track.csv"), cut(track, slice(0, end)))
     rest = find_unfinished(run, site)
     rest.folder.path.mkdir()

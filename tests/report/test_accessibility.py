@@ -17,7 +17,7 @@ import pytest
 from tests.recording.flights import lines_over
 from tests.report.browser import Page
 from tests.report.conftest import resumed, two_sorties, write_run
-from tests.report.test_report_of_pictures import CAMERA
+from tests.report.test_report_of_photos import CAMERA
 from uavcover.report import page as page_module
 from uavcover.report.content import ReportContent, read_run
 from uavcover.report.page import render_report
@@ -29,13 +29,13 @@ def planned_only(folder: Path, site: Site) -> RunFolder:
     return write_run(folder, site, lines_over(site, spacing_m=300.0, count=2), flown=False)
 
 
-def with_pictures(folder: Path, site: Site) -> RunFolder:
+def with_photos(folder: Path, site: Site) -> RunFolder:
     pictured = load_site(dataclasses.replace(site.scenario, sensor=CAMERA))
     return write_run(folder, pictured, lines_over(pictured, spacing_m=90.0, count=2), flown=True)
 
 
 RUNS: dict[str, Callable[[Path, Site], RunFolder]] = {
-    "sorties": two_sorties, "resumed": resumed, "planned": planned_only, "pictures": with_pictures,
+    "sorties": two_sorties, "resumed": resumed, "planned": planned_only, "pictures": with_photos,
 }  # fmt: skip
 
 

@@ -95,9 +95,9 @@ def write_mbtiles(
                     x = -half + (column + (np.arange(pixels) + 0.5) / pixels) * side
                     y = -half + (row + 1 - (np.arange(pixels) + 0.5) / pixels) * side
                     lon, lat = to_mercator.transform(*np.meshgrid(x, y), direction="INVERSE")
-                    picture = Image.fromarray(np.clip(colors(extent, lon, lat), 0, 255).round().astype(np.uint8))
+                    image = Image.fromarray(np.clip(colors(extent, lon, lat), 0, 255).round().astype(np.uint8))
                     out = io.BytesIO()
-                    picture.save(out, kind)
+                    image.save(out, kind)
                     file.execute("INSERT INTO tiles VALUES (?, ?, ?, ?)", (zoom, column, row, out.getvalue()))
     file.close()
     return path
@@ -117,7 +117,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> list[np.ndarray]:
     return kept
 
 
-def check_places(site: Site, pixels: np.ndarray, extent: Extent, tolerance: float = 2.0) -> None:
+def check_positions(site: Site, pixels: np.ndarray, extent: Extent, tolerance: float = 2.0) -> None:
     west, south, east, north = bounds_m(site)
     rng = np.random.default_rng(2)
     rows, columns = pixels.shape[:2]
@@ -145,7 +145,7 @@ def test_every_pixel_of_a_geotiff_lies_where_it_is(
     found = read_background(path, site, bounds_m(site))
     assert found.attribution == "A. Surveyor"
     assert found.image.startswith("data:image/webp;base64,")
-    check_places(site, drawn[0], extent)
+    check_positions(site, drawn[0], extent)
     assert (drawn[0][..., 3] == 255).mean() > (0.5 if turn_deg else 0.999)
 
 
@@ -164,7 +164,7 @@ def test_every_pixel_of_mbtiles_lies_where_it_is(
     found = read_background(path, site, bounds_m(site))
     assert found.attribution == "© Makers of maps"
     # A pixel of the coarsest zoom is some metres.
-    check_places(site, drawn[0], extent, tolerance=2.0 if zooms[-1] > 13 and kind == "PNG" else 9.0)
+    check_positions(site, drawn[0], extent, tolerance=2.0 if zooms[-1] > 13 and kind == "PNG" else 9.0)
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
 
@@ -182,7 +182,7 @@ def test_what_the_file_does_not_have_is_transparent(site: Site, tmp_path: Path, 
     for pixels in drawn[:3]:
         assert 0.2 < (pixels[..., 3] == 0).mean() < 0.8
     assert (drawn[3][..., 0] == drawn[3][..., 1]).all()
-    check_places(site, np.dstack([drawn[0]]), half)
+    check_positions(site, np.dstack([drawn[0]]), half)
 
 
 def test_a_palette_shows_its_colours(site: Site, tmp_path: Path, drawn: list[np.ndarray]) -> None:
@@ -284,15 +284,15 @@ def test_no_damage_leaves_a_trace(site: Site, tmp_path: Path, seed: int) -> None
         at = int(rng.integers(0, min(len(content), 4000 if rng.random() < 0.5 else len(content))))
         content[at : at + int(rng.integers(0, 9))] = rng.bytes(int(rng.integers(0, 9)))
     path.write_bytes(bytes(content))
-    told = f"--background: {path}: "
+    reported = f"--background: {path}: "
     with contextlib.suppress(InputError):
         try:
             read_background(path, site, bounds_m(site))
         except InputError as error:
-            told = str(error)
+            reported = str(error)
             raise
-    assert told.startswith(f"--background: {path}: ")
-    assert "\n" not in told
+    assert reported.startswith(f"--background: {path}: ")
+    assert "\n" not in reported
 
 
 def test_a_scenario_without_a_place_on_earth_has_no_background(tmp_path: Path) -> None:

@@ -82,12 +82,12 @@ def test_thinning_keeps_every_peak_end_and_break(number: int) -> None:
     plot = Plot((0.0, 1e5), (-10.0, 10.0))
     plot.line("flown", x, y)
     path = plot.finished("c", "C", x_label="", y_label="").pictures[number].lines[0].path
-    places = points(path)
-    assert len(places) < 1.4 * f.points
+    positions = points(path)
+    assert len(positions) < 1.4 * f.points
     assert path.count("M") == 2
     scale = (f.height - f.top - f.bottom) / 20.0
-    np.testing.assert_allclose(np.ptp(places[:, 1]), 18.0 * scale, atol=0.2)
-    np.testing.assert_allclose(places[[0, -1], 0], [f.left, f.width - f.right], atol=0.1)
+    np.testing.assert_allclose(np.ptp(positions[:, 1]), 18.0 * scale, atol=0.2)
+    np.testing.assert_allclose(positions[[0, -1], 0], [f.left, f.width - f.right], atol=0.1)
 
 
 def test_a_range_without_width_is_drawn() -> None:
@@ -98,14 +98,14 @@ def test_a_range_without_width_is_drawn() -> None:
 
 def test_the_trade_off_shows_where_one_chooses(content: ReportContent) -> None:
     chosen = next(member for member in content.members if member.chosen)
-    shares = np.linspace(0.02, 1.0, 60)
+    fractions = np.linspace(0.02, 1.0, 60)
     members = tuple(
         dataclasses.replace(
-            chosen, index=k, chosen=k == 57, coverage_of_coverable=float(share), path_length_m=100.0 * k
+            chosen, index=k, chosen=k == 57, coverage_of_coverable=float(fraction), path_length_m=100.0 * k
         )
-        for k, share in enumerate(shares)
+        for k, fraction in enumerate(fractions)
     )
-    planned = dataclasses.replace(content.planned, coverage_of_coverable=float(shares[57]))
+    planned = dataclasses.replace(content.planned, coverage_of_coverable=float(fractions[57]))
     plan = content.plan | {"baselines": []}
     near, whole = pareto_front(dataclasses.replace(content, members=members, planned=planned, plan=plan))
     assert len(whole.wide.marks) == 60

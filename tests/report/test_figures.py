@@ -16,8 +16,8 @@ def test_both_views_are_drawn_and_equal_again(content: ReportContent, tmp_path: 
     drawn = save_figures(content, tmp_path / "a")
     assert [path.name for path in drawn] == list(FIGURE_NAMES)
     for path in drawn:
-        picture = np.asarray(Image.open(path).convert("RGB")).astype(int)
-        orange = (picture[..., 0] > 190) & (picture[..., 1] < 120) & (picture[..., 2] < 40)
+        photo = np.asarray(Image.open(path).convert("RGB")).astype(int)
+        orange = (photo[..., 0] > 190) & (photo[..., 1] < 120) & (photo[..., 2] < 40)
         assert orange.sum() > 200, "the flown track"
     again = save_figures(content, tmp_path / "b")
     assert [path.read_bytes() for path in drawn] == [path.read_bytes() for path in again]

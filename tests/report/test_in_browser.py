@@ -19,7 +19,7 @@ _PATHS = "document.querySelectorAll('#map .leaflet-pane path').length"
 _NUMBERS = "document.querySelectorAll('#map .number').length"
 _CELLS = "document.querySelector('#map img.cells')?.src ?? null"
 _LEGEND = "document.querySelector('#legend').textContent"
-_PICTURE = "document.querySelector('#view3d').toDataURL()"
+_PHOTO = "document.querySelector('#view3d').toDataURL()"
 _SETTLE = "new Promise(done => setTimeout(done, 250))"
 
 
@@ -50,27 +50,27 @@ def test_every_layer_can_be_switched(opened: Page) -> None:
         assert sum(hidden) < sum(before), name
         opened.run(click)
         assert opened.run(f"[{_PATHS}, {_NUMBERS}]") == before, name
-    pictures, legends = set(), set()
+    photos, legends = set(), set()
     grounds = opened.run("document.querySelectorAll('.leaflet-control-layers-base input').length")
     for number in range(grounds):
         opened.run(f"document.querySelectorAll('.leaflet-control-layers-base input')[{number}].click()")
-        pictures.add(opened.run(_CELLS))
+        photos.add(opened.run(_CELLS))
         legends.add(opened.run(_LEGEND))
-    assert len(pictures) == len(legends) == grounds == 7
-    assert None in pictures
+    assert len(photos) == len(legends) == grounds == 7
+    assert None in photos
     check_quiet(opened)
 
 
 def test_the_3d_view_is_drawn_turns_and_follows_the_layer(opened: Page) -> None:
-    first = opened.run(_PICTURE)
+    first = opened.run(_PHOTO)
     drawn = np.asarray(Image.open(io.BytesIO(base64.b64decode(first.split(",")[1]))))
     assert (drawn[..., 3] > 0).mean() > 0.15
     opened.run("document.querySelectorAll('.leaflet-control-layers-base input')[2].click()")
     opened.run(_SETTLE)
-    other_layer = opened.run(_PICTURE)
+    other_layer = opened.run(_PHOTO)
     opened.run("document.querySelector('#view3d').dispatchEvent(new KeyboardEvent('keydown', {key: 'ArrowLeft'}))")
     opened.run(_SETTLE)
-    turned = opened.run(_PICTURE)
+    turned = opened.run(_PHOTO)
     assert len({first, other_layer, turned}) == 3
     check_quiet(opened)
 

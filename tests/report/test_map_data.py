@@ -13,7 +13,7 @@ from tests.planner.sites import flat, make_site, tower
 from uavcover.model.limits import NoFly, Obstacles
 from uavcover.report import map_data as drawing
 from uavcover.report.content import FIGURES, ReportContent
-from uavcover.report.map_data import UNSEEN_RGB, cell_layers, cells_bounds_m, map_data
+from uavcover.report.map_data import UNOBSERVED_RGB, cell_layers, cells_bounds_m, map_data
 
 
 def pixels(uri: str) -> np.ndarray:
@@ -27,7 +27,7 @@ def data(content: ReportContent) -> dict[str, Any]:
 
 def test_every_cell_has_its_pixel(content: ReportContent) -> None:
     assert content.verdict is not None
-    coverage, seen = content.coverage, content.verdict.flown.seen
+    coverage, observed = content.coverage, content.verdict.flown.observed
     layer = cell_layers(content)[0]
     image = pixels(layer.image)
     west, _, east, north = cells_bounds_m(coverage)
@@ -36,7 +36,7 @@ def test_every_cell_has_its_pixel(content: ReportContent) -> None:
     centres = coverage.grid.cells.centre_m
     column = ((centres[:, 0] - west) / size).astype(int)
     row = ((north - centres[:, 1]) / size).astype(int)
-    np.testing.assert_array_equal((image[row, column, :3] == UNSEEN_RGB).all(axis=1), ~seen)
+    np.testing.assert_array_equal((image[row, column, :3] == UNOBSERVED_RGB).all(axis=1), ~observed)
     assert image[..., 3].astype(bool).sum() == coverage.grid.count
     assert [entry.label for entry in layer.legend] == ["observed", "not observed"]
 
@@ -49,8 +49,8 @@ def test_layers_of_looks_time_angle_and_distance(content: ReportContent) -> None
     flown = content.verdict.flown
     labels = [entry.label for entry in layers["distance"].legend if entry.label]
     assert labels == [f"{np.nanmin(flown.nearest_m):.0f} m", f"{np.nanmax(flown.nearest_m):.0f} m"]
-    assert (pixels(layers["looks"].image)[..., 3] > 0).sum() == flown.seen.sum()
-    assert (pixels(layers["gaps"].image)[..., 3] > 0).sum() == (~flown.seen).sum()
+    assert (pixels(layers["looks"].image)[..., 3] > 0).sum() == flown.observed.sum()
+    assert (pixels(layers["gaps"].image)[..., 3] > 0).sum() == (~flown.observed).sum()
 
 
 def test_the_pointer_tells_the_place_that_the_frame_tells(content: ReportContent, data: dict[str, Any]) -> None:
@@ -58,10 +58,10 @@ def test_the_pointer_tells_the_place_that_the_frame_tells(content: ReportContent
     assert frame is not None
     west, south, east, north = data["bounds"]
     rng = np.random.default_rng(5)
-    places = np.column_stack([rng.uniform(west, east, 100), rng.uniform(south, north, 100), np.zeros(100)])
-    e, n = places[:, 0] / 1000.0, places[:, 1] / 1000.0
+    positions = np.column_stack([rng.uniform(west, east, 100), rng.uniform(south, north, 100), np.zeros(100)])
+    e, n = positions[:, 0] / 1000.0, positions[:, 1] / 1000.0
     basis = np.column_stack([np.ones(100), e, n, e * e, e * n, n * n])
-    lat, lon, _ = frame.geodetic_from_enu(places)
+    lat, lon, _ = frame.geodetic_from_enu(positions)
     # 1e-7 degrees are 11 mm; the page shows six digits.
     np.testing.assert_allclose(basis @ data["geodetic"]["lat"], lat, atol=1e-7)
     np.testing.assert_allclose(basis @ data["geodetic"]["lon"], lon, atol=1e-7)
@@ -98,7 +98,7 @@ def test_obstacles_with_their_names_heights_and_grounds() -> None:
     (drawn,) = [drawing._obstacle(site, prism) for prism in site.prisms]
     assert (drawn["name"], drawn["height"], drawn["top"]) == ("silo", 17.5, 17.5)
     (ring,) = drawn["rings"]
-    assert {tuple(place) for place in ring} == {
+    assert {tuple(position) for position in ring} == {
         (10.0, 20.0, 0.0),
         (30.0, 20.0, 0.0),
         (30.0, 50.0, 0.0),

@@ -34,11 +34,11 @@ def rows_of(
     found = {} if found is None else found
     assert content.verdict is not None
     scenario = content.site.scenario
-    asked = dataclasses.replace(scenario.requirements, **requirements)  # type: ignore[arg-type]
+    required = dataclasses.replace(scenario.requirements, **requirements)  # type: ignore[arg-type]
     limits = dataclasses.replace(scenario.limits, max_alt_amsl_m=2000.0)
     shed = Obstacle(height_m=5.0, rings_east_north_m=(((0.0, 0.0), (5.0, 0.0), (5.0, 5.0)),))
     scenario = dataclasses.replace(
-        scenario, requirements=asked, limits=limits, obstacles=Obstacles(prisms=(shed,), clearance_above_m=7.0)
+        scenario, requirements=required, limits=limits, obstacles=Obstacles(prisms=(shed,), clearance_above_m=7.0)
     )
     # As if all of the flight had been observed.
     observed: dict[str, Any] = {"unobserved": (), "unobserved_route_fraction": 0.0}
@@ -65,7 +65,7 @@ def test_a_share_is_compared_with_what_was_asked(content: ReportContent) -> None
     short = (fails("coverage", "short"),)
     row = rows_of(content, findings=short, min_coverage_of_coverable=0.7)[name]
     assert row.holds == "no"
-    assert (row.asked, row.found) == ("at least 70 %", f"{100.0 * found:.2f} %")
+    assert (row.required, row.found) == ("at least 70 %", f"{100.0 * found:.2f} %")
 
 
 @pytest.mark.parametrize(
@@ -83,11 +83,11 @@ def test_a_share_is_compared_with_what_was_asked(content: ReportContent) -> None
     ],
 )
 def test_a_violation_fails_its_own_line(content: ReportContent, kind: ViolationKind, name: str) -> None:
-    asked: dict[str, object] = {
+    required: dict[str, object] = {
         "min_coverage_of_coverable": 0.0, "max_ground_speed_m_s": 30.0, "max_deviation_m": 50.0,
     }  # fmt: skip
-    assert all(row.holds == "yes" for row in rows_of(content, **asked).values())
-    rows = rows_of(content, violation(kind), **asked)
+    assert all(row.holds == "yes" for row in rows_of(content, **required).values())
+    rows = rows_of(content, violation(kind), **required)
     assert [row.name for row in rows.values() if row.holds != "yes"] == [name]
     assert rows[name].holds == "no"
 

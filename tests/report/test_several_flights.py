@@ -85,8 +85,8 @@ def test_each_flight_lies_where_it_was_along_the_whole_route(several: ReportCont
         assert np.isfinite(km).all()
         # Slow twin: the nearest of many places along the whole route, no further from the sample than the vehicle was.
         for k in range(0, len(on), 40):
-            place = [np.interp(1000.0 * km[k], at_m, whole[:, axis]) for axis in range(2)]
-            assert np.hypot(*(np.array(place) - flight.enu_m[on[k], :2])) < 6.0
+            position = [np.interp(1000.0 * km[k], at_m, whole[:, axis]) for axis in range(2)]
+            assert np.hypot(*(np.array(position) - flight.enu_m[on[k], :2])) < 6.0
         ends.append((km[0], km[-1]))
     (first_start, first_end), (second_start, second_end) = ends
     assert first_start < 0.02
@@ -128,14 +128,14 @@ def test_both_flights_in_a_browser(page: Page, several: ReportContent, tmp_path:
     assert shown[0] != shown[1]
     assert [rgb(color) for color in shown] == [tuple(map(int, re.findall(r"\d+", strokes[0]))) for strokes in drawn]
     chart = "document.querySelector('[data-chart=\"height\"]')"
-    told = []
-    for share in (0.1, 0.95):
+    reported = []
+    for fraction in (0.1, 0.95):
         page.run(
             f"(() => {{ const b = {chart}.getBoundingClientRect(); {chart}.dispatchEvent(new PointerEvent('pointermove',"
-            f" {{clientX: b.x + b.width * {share}, clientY: b.y + 20}})) }})()"
+            f" {{clientX: b.x + b.width * {fraction}, clientY: b.y + 20}})) }})()"
         )
-        told.append(page.run("document.querySelector('#chart-height output').textContent"))
-    assert [words.split(",")[0] for words in told] == [flight.name for flight in several.flights]
+        reported.append(page.run("document.querySelector('#chart-height output').textContent"))
+    assert [words.split(",")[0] for words in reported] == [flight.name for flight in several.flights]
     assert page.complaints == []
 
 

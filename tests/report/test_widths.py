@@ -115,9 +115,9 @@ def test_both_routes_show_in_three_dimensions(page: Page, kind: Path) -> None:
         assert (np.abs(drawn - rgb).max(axis=2) < 40).sum() > 300, color
 
 
-def _near_dark(picture: np.ndarray) -> np.ndarray:
+def _near_dark(photo: np.ndarray) -> np.ndarray:
     """(h, w) whether a pixel within three is dark or coloured, as the edge of a line is: leaves out the white background."""
-    edge = picture.min(axis=2) < 120
+    edge = photo.min(axis=2) < 120
     near = np.zeros_like(edge)
     for down in range(-3, 4):
         for right in range(-3, 4):
@@ -144,10 +144,10 @@ def test_waypoints_are_thinned_by_zoom(page: Page, site: Site, tmp_path: Path) -
     count = 900
     west, south, east, north = site.area.bounds
     along = np.linspace(0.0, 1.0, count)
-    places = np.column_stack(
+    positions = np.column_stack(
         [west + (east - west) * along, south + (north - south) * (0.5 + 0.4 * np.sin(9.0 * along))]
     )
-    route = Route(np.column_stack([places, site.ground.heights_m(places) + 80.0]))
+    route = Route(np.column_stack([positions, site.ground.heights_m(positions) + 80.0]))
     run = write_run(tmp_path / "run", site, route, flown=False)
     path = tmp_path / "report.html"
     path.write_text(render_report(read_run(run, logs=())))

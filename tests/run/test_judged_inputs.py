@@ -89,9 +89,9 @@ def inspected(run: RunFolder) -> JudgedInputs:
 def edited(path: Path, rng: random.Random) -> None:
     """One digit is another one."""
     content = bytearray(path.read_bytes())
-    places = [k for k, byte in enumerate(content) if 48 <= byte <= 57]
-    place = rng.choice(places)
-    content[place] = 48 + (content[place] - 48 + rng.randint(1, 9)) % 10
+    positions = [k for k, byte in enumerate(content) if 48 <= byte <= 57]
+    position = rng.choice(positions)
+    content[position] = 48 + (content[position] - 48 + rng.randint(1, 9)) % 10
     path.write_bytes(content)
 
 

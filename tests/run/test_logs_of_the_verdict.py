@@ -38,12 +38,12 @@ def test_a_verdict_that_names_no_log_is_no_obstacle(document: dict[str, object],
     assert logs_of_the_verdict(run) == []
 
 
-@pytest.mark.parametrize("place", ["in the run", "beside it", "where the command runs"])
-def test_the_log_is_found(place: str, run: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("position", ["in the run", "beside it", "where the command runs"])
+def test_the_log_is_found(position: str, run: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     here = tmp_path / "here"
     here.mkdir()
     monkeypatch.chdir(here)
-    folder = {"in the run": run.path, "beside it": tmp_path, "where the command runs": here}[place]
+    folder = {"in the run": run.path, "beside it": tmp_path, "where the command runs": here}[position]
     log = folder / "00000042.BIN"
     log.write_bytes(b"what was flown")
     judged(run, log, run.file("track.csv"))

@@ -13,7 +13,7 @@ from uavcover.errors import InputError, TerrainError, UavcoverError
 from uavcover.run import provenance as programs
 from uavcover.run import scheduling
 from uavcover.run.provenance import differences, program
-from uavcover.run.scheduling import can_share_files, read_shared, share, workers_of
+from uavcover.run.scheduling import can_share_files, read_shared, shared_file, workers_of
 
 
 @pytest.mark.parametrize(
@@ -31,9 +31,9 @@ def test_without_dask_the_error_says_what_to_install(monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(
         InputError, match=r"--scheduler local:2: requires Dask: pip install 'uavcover\[cluster\]'"
-    ) as told:
+    ) as reported:
         workers_of("local:2")
-    assert told.value.exit_code == 2
+    assert reported.value.exit_code == 2
 
 
 def test_programs_that_differ_are_told_apart() -> None:
@@ -138,11 +138,11 @@ def test_nobody_at_the_address_is_one_error(monkeypatch) -> None:
         with (
             pytest.raises(
                 InputError, match=f"{address}: no Dask scheduler answers at this address; start one with"
-            ) as told,
+            ) as reported,
             workers_of(address),
         ):
             pass
-    assert told.value.exit_code == 2
+    assert reported.value.exit_code == 2
 
 
 def test_processes_of_this_machine_do_the_tasks_and_end() -> None:
@@ -175,7 +175,7 @@ def test_what_is_read_is_what_was_shared_and_large_arrays_are_the_file_itself() 
     large = frozen(rng.normal(size=(300, 71)))
     other = frozen(rng.integers(0, 200, 70_001).astype(np.uint8))
     value = {"large": large, "other": other, "small": frozen(np.arange(3.0)), "mine": np.zeros((200, 100)), "text": "ü"}
-    shared = share(value)
+    shared = shared_file(value)
     with shared.file:
         read, again = read_shared(shared.path), read_shared(shared.path)
         assert shared.size == os.fstat(shared.file.fileno()).st_size
@@ -196,7 +196,7 @@ def test_what_is_read_is_what_was_shared_and_large_arrays_are_the_file_itself() 
 def test_equal_objects_have_equal_hashes_and_others_do_not() -> None:
     found = []
     for values in (np.zeros(9_000), np.zeros(9_000), np.ones(9_000)):
-        shared = share(("site", frozen(values)))
+        shared = shared_file(("site", frozen(values)))
         shared.file.close()
         found.append(shared.sha256)
     assert found[0] == found[1] != found[2]
@@ -215,5 +215,5 @@ def test_a_full_disk_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> Non
     full = Full()
     monkeypatch.setattr(scheduling.tempfile, "TemporaryFile", lambda: full)
     with pytest.raises(UavcoverError, match=r"^--scheduler: cannot write .*No space left on device.*TMPDIR"):
-        share("site")
+        shared_file("site")
     assert full.closed

@@ -6,7 +6,7 @@ import pytest
 
 from tests.scenario.surface_files import WOOD_M, lon_lat, write_models
 from uavcover.errors import InputError
-from uavcover.new.command import new_scenario, say_design
+from uavcover.new.command import new_scenario, print_design
 from uavcover.new.elevation_questions import NewRequest
 from uavcover.planner.command import PlanRequest, plan_into
 from uavcover.run.folder import RunFolder
@@ -26,7 +26,7 @@ def planned(tmp_path_factory):
         camera="dji-m3e", gsd="2.5cm", overlap="60/50", margin="0",
     )  # fmt: skip
     new = new_scenario(request, Unattended(), folder=folder)
-    said = say_design(new, Unattended())
+    said = print_design(new, Unattended())
     run = folder / "run"
     plan_into(
         PlanRequest(scenario=new.site, folder=run, command=["test"], force=False, evaluations=60),
@@ -44,8 +44,8 @@ def test_new_makes_room_for_the_trees_and_says_what_they_hide(planned):
     # The wood covers the eastern 50 of 120 metres.
     assert said["hidden_share"] == pytest.approx(50.0 / 120.0, abs=0.03)
     assert new.site.ground_model is not None
-    place = new.site.home_m[None, :2]
-    assert abs(float((new.site.ground.heights_m(place) - new.site.bare_ground.heights_m(place))[0])) < 0.5
+    position = new.site.home_m[None, :2]
+    assert abs(float((new.site.ground.heights_m(position) - new.site.bare_ground.heights_m(position))[0])) < 0.5
     assert 'surface_file = "dsm.tif"' in new.text
 
 

@@ -11,7 +11,7 @@ import shapely
 from tests.planner.sites import STEP_M, hills, make_site
 from tests.planner.test_planner import make_plan
 from uavcover.missions.leg_checks import measure_violations
-from uavcover.planner.plan_words import say_steps
+from uavcover.planner.plan_messages import print_steps
 from uavcover.run.user import Unattended
 from uavcover.scenario.airspace.flyable import flyable_area, least_width_m, parts_between_steps
 from uavcover.terrain.ground import sine_cosine_ground
@@ -129,14 +129,14 @@ def test_a_route_stays_on_one_side_of_a_cliff():
     assert measure_violations(site, points, margin_m=0.0).total == 0.0
     assert flyable_area(site).polygon.contains(shapely.LineString(points[:, :2]))
     words = Words()
-    say_steps(words, site)
+    print_steps(words, site)
     (warning,) = words.warnings
     assert "% of the area is next to or behind them" in warning
     enough_m = float(warning.split("max_height_agl_m to at least ")[1].split()[0].rstrip(",;"))
     assert enough_m == pytest.approx(40.0 + 110.0 - LEVEL * STEP_M, abs=2.0)
     wider = make_site(cliff(110.0), ring=AREA, cell_m=15.0, limits={"max_height_agl_m": enough_m})
     assert flyable_area(wider).polygon is wider.fence
-    say_steps(words, wider)
+    print_steps(words, wider)
     assert len(words.warnings) == 1
 
 
@@ -148,7 +148,7 @@ def test_a_step_outside_of_the_area_is_not_spoken_of():
     assert flyable_area(site).polygon.bounds[3] < 350.0
     assert flyable_area(site).polygon.contains(site.area)
     words = Words()
-    say_steps(words, site)
+    print_steps(words, site)
     assert words.warnings == []
 
 

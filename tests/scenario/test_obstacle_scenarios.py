@@ -40,9 +40,9 @@ def test_the_bundled_boxes(site):
 def test_a_box_stands_on_the_highest_ground_below_it(site):
     for prism in site.prisms[:12]:
         west, south, east, north = prism.footprint.polygon.bounds
-        places = np.array([(e, n) for e in np.linspace(west, east, 60) for n in np.linspace(south, north, 60)])
-        inside = shapely.contains_xy(prism.footprint.polygon, places)
-        highest = site.ground.heights_m(places[inside]).max()
+        positions = np.array([(e, n) for e in np.linspace(west, east, 60) for n in np.linspace(south, north, 60)])
+        inside = shapely.contains_xy(prism.footprint.polygon, positions)
+        highest = site.ground.heights_m(positions[inside]).max()
         assert prism.top_m == pytest.approx(highest + prism.footprint.height_m, abs=0.6)
         assert prism.top_m >= highest + prism.footprint.height_m - 1e-9
 

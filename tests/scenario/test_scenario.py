@@ -52,7 +52,7 @@ def test_a_good_scenario_as_it_was_understood():
 
 
 positive = st.floats(1e-6, 1e6)
-share = st.floats(0.0, 1.0)
+fraction = st.floats(0.0, 1.0)
 words = st.text(st.characters(exclude_categories=["Cs"]), max_size=12)
 square = ((0.0, 0.0), (9.5, 0.0), (9.5, 7.25), (0.0, 7.25))
 hole = ((1.0, 1.0), (2.0, 1.0), (2.0, 2.5))
@@ -95,7 +95,7 @@ scenarios = st.builds(
     home=st.one_of(st.none(), st.builds(Home, east_m=st.floats(-10, 10), north_m=st.floats(-10, 10))),
     fleet=st.builds(Fleet, vehicles=st.integers(1, 50), separation_m=positive, timing_error_fraction=st.floats(0.0, 0.5)),
     planner=st.builds(PlannerSettings, seed=st.integers(0, 2**40), cell_size_m=st.one_of(st.none(), positive)),
-    requirements=st.builds(Requirements, min_coverage_of_coverable=share, max_deviation_m=st.one_of(st.none(), positive)),
+    requirements=st.builds(Requirements, min_coverage_of_coverable=fraction, max_deviation_m=st.one_of(st.none(), positive)),
 )  # fmt: skip
 
 

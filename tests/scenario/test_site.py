@@ -54,7 +54,7 @@ def test_the_paper_has_no_place_on_earth():
 
 SWAPPED = ((36.476, -84.227), (36.476, -84.216), (36.485, -84.216))
 MAP = ((740_000.0, 4_040_000.0), (741_000.0, 4_040_000.0), (741_000.0, 4_041_000.0))
-PLACE = Origin(lat_deg=36.4762, lon_deg=-84.216, alt_amsl_m=320.0)
+POSITION = Origin(lat_deg=36.4762, lon_deg=-84.216, alt_amsl_m=320.0)
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ PLACE = Origin(lat_deg=36.4762, lon_deg=-84.216, alt_amsl_m=320.0)
         ({"limits": {"fence_lon_lat_deg": SWAPPED}}, ScenarioError, "home: the take-off position is outside|swapped"),
         ({"home": Home(lat_deg=-84.216, lon_deg=36.4762)}, TerrainError, "home: .*no elevation data.* swapped"),
         (
-            {"area": {"polygon_lon_lat_deg": None, "polygon_east_north_m": MAP}, "origin": PLACE, "home": None},
+            {"area": {"polygon_lon_lat_deg": None, "polygon_east_north_m": MAP}, "origin": POSITION, "home": None},
             ScenarioError, r"area\.polygon_east_north_m: the position is 4041 km from the origin of the local frame; the",
         ),
         (
@@ -106,7 +106,7 @@ def test_parts_are_united_and_the_fence_holds_all_of_them():
     apart = tuple((east + 400.0, north + 300.0) for east, north in square)
     parts = ((square, hole), (touching,), (apart,), (apart,))
     area = {"polygon_lon_lat_deg": None, "polygons_east_north_m": parts}
-    site = build(jacksboro(area=area, origin=PLACE, home=Home(east_m=50.0, north_m=-10.0)))
+    site = build(jacksboro(area=area, origin=POSITION, home=Home(east_m=50.0, north_m=-10.0)))
     assert site.area.area == pytest.approx(30_000.0 - 400.0)
     assert len(site.area.geoms) == 2
     assert site.fence.covers(site.area.convex_hull)
@@ -119,10 +119,10 @@ def test_a_home_in_metres_and_an_origin():
     hole = ((50.0, 10.0), (90.0, 10.0), (90.0, 40.0))
     area = {"polygon_lon_lat_deg": None, "polygon_east_north_m": ring}
     site = build(
-        jacksboro(area={**area, "holes_east_north_m": (hole,)}, origin=PLACE, home=Home(east_m=20.0, north_m=10.0))
+        jacksboro(area={**area, "holes_east_north_m": (hole,)}, origin=POSITION, home=Home(east_m=20.0, north_m=10.0))
     )
     assert site.area.area == pytest.approx(45_000.0 - 600.0)
     assert site.home_m[:2].tolist() == [20.0, 10.0]
     assert site.home_m[2] == site.ground.heights_m([20.0, 10.0])[0]
     with pytest.raises(ScenarioError, match="the holes cover the whole area"):
-        build(jacksboro(area={**area, "holes_east_north_m": (ring,)}, origin=PLACE, home=None))
+        build(jacksboro(area={**area, "holes_east_north_m": (ring,)}, origin=POSITION, home=None))

@@ -43,17 +43,17 @@ def test_heights_are_kept_above_the_higher_of_both_files(tmp_path, ground_pixel_
     naive = HigherFile(files.ground, files.surface)
     rng = np.random.default_rng(3)
     west, south, east, north = site.fence.bounds
-    places = np.column_stack([
+    positions = np.column_stack([
         rng.uniform(west, east, 20_000), rng.uniform(south, north, 20_000), rng.uniform(120.0, 200.0, 20_000)
     ])  # fmt: skip
-    lat, lon, alt = site.frame.geodetic_from_enu(places)
+    lat, lon, alt = site.frame.geodetic_from_enu(positions)
     true = alt - naive.height_m(lat, lon)
-    found = site.ground.heights_agl_m(places)
+    found = site.ground.heights_agl_m(positions)
     # Never higher above it than the files say, but for what was measured; lower only where the two cross inside of a pixel.
     assert np.max(found - true) <= site.ground.error_m + 1e-3
     assert np.percentile(true - found, 99.0) < 0.15
     bare = alt - naive.ground.height_m(lat, lon)
-    assert site.bare_ground.heights_agl_m(places) == pytest.approx(bare, abs=1e-3)
+    assert site.bare_ground.heights_agl_m(positions) == pytest.approx(bare, abs=1e-3)
 
 
 def test_every_leg_of_a_mission_is_clear_of_the_trees(models):
@@ -68,10 +68,10 @@ def test_every_leg_of_a_mission_is_clear_of_the_trees(models):
     # The same above the ground alone: the wood was really flown over.
     assert leg_ranges_m(naive.ground.height_m, np.column_stack([lat, lon, alt]), step_m=0.25)[:, 1].max() > 62.0
     items = [item for item in flight.compiled.mission.items if item.command == 16]
-    places = np.array([(item.lat_deg, item.lon_deg, item.alt_m + site.frame.alt_amsl_m) for item in items])
-    ways = leg_ranges_m(naive.height_m, places, step_m=0.25)
-    assert len(places) >= len(lat) + 2
-    assert ways[:, 0].min() >= limits.transit_clearance_m
+    positions = np.array([(item.lat_deg, item.lon_deg, item.alt_m + site.frame.alt_amsl_m) for item in items])
+    paths = leg_ranges_m(naive.height_m, positions, step_m=0.25)
+    assert len(positions) >= len(lat) + 2
+    assert paths[:, 0].min() >= limits.transit_clearance_m
 
 
 def test_what_is_looked_at_is_the_ground_that_nothing_hides(models):
@@ -84,10 +84,10 @@ def test_what_is_looked_at_is_the_ground_that_nothing_hides(models):
     assert np.all(alt - naive.ground.height_m(lat, lon) <= 2.0 + 1e-3)
     assert np.all(alt - naive.ground.height_m(lat, lon) >= -1e-3)
     # The wood covers 170 by 240 of 300 by 280 metres, the house lies outside.
-    assert coverage.grid.hidden_share == pytest.approx(170.0 * 240.0 / (300.0 * 280.0), abs=0.02)
+    assert coverage.grid.hidden_fraction == pytest.approx(170.0 * 240.0 / (300.0 * 280.0), abs=0.02)
     everything = np.ones(coverage.grid.count, dtype=bool)
-    assert coverage.share(everything) == pytest.approx(1.0 - coverage.grid.hidden_share)
-    assert coverage.share_of_coverable(coverage.coverable) == 1.0
+    assert coverage.fraction(everything) == pytest.approx(1.0 - coverage.grid.hidden_fraction)
+    assert coverage.fraction_of_coverable(coverage.coverable) == 1.0
 
 
 def test_trees_hide_the_ground_beside_them(models):
@@ -95,8 +95,10 @@ def test_trees_hide_the_ground_beside_them(models):
     hiding, open_ground = site_of(models), site_of(models, terrain="")
     eyes = np.array([[45.0, 60.0, 60.0]])
     eyes[:, 2] += hiding.bare_ground.heights_m(eyes[:, :2])
-    seen = [CoverageMap(site, cell_size_m=5.0).seen(np.vstack([eyes, eyes + 0.1])) for site in (hiding, open_ground)]
-    assert 0 < seen[0].sum() < seen[1].sum()
+    observed = [
+        CoverageMap(site, cell_size_m=5.0).observed(np.vstack([eyes, eyes + 0.1])) for site in (hiding, open_ground)
+    ]
+    assert 0 < observed[0].sum() < observed[1].sum()
 
 
 def test_home_is_on_the_ground_and_in_the_open(models):
@@ -104,12 +106,12 @@ def test_home_is_on_the_ground_and_in_the_open(models):
     assert site.home_m[2] == pytest.approx(0.0, abs=1e-3)
     lat, lon = site.scenario.home.lat_deg, site.scenario.home.lon_deg
     assert site.ground_alt_amsl_m(lat, lon) == pytest.approx(float(ground_height_m(180.0, 180.0)), abs=0.02)
-    for place in ((300.0, 200.0), (127.0, 306.0)):
-        assert stands_m(*place) > 0.0
+    for position in ((300.0, 200.0), (127.0, 306.0)):
+        assert stands_m(*position) > 0.0
         with pytest.raises(
             ScenarioError, match=r"home: the surface there is (21|22|8|9)\.\d m above the ground.*open ground"
         ):
-            site_of(models, home=place)
+            site_of(models, home=position)
 
 
 def test_vehicles_are_told_the_higher_of_both(models):
@@ -123,9 +125,7 @@ def test_vehicles_are_told_the_higher_of_both(models):
 def test_obstacles_stand_on_the_ground(models):
     corner, other = lon_lat(300.0, 250.0), lon_lat(310.0, 260.0)
     ring = [corner, (other[0], corner[1]), other, (corner[0], other[1])]
-    more = (
-        f'[[obstacles.prisms]]\nname = "mast"\nheight_m = 30.0\nrings_lon_lat_deg = [{[list(place) for place in ring]}]'
-    )
+    more = f'[[obstacles.prisms]]\nname = "mast"\nheight_m = 30.0\nrings_lon_lat_deg = [{[list(position) for position in ring]}]'
     (mast,) = site_of(models, more=more).prisms
     assert mast.top_m + 500.0 + 0.12 * 180.0 + 9.0 == pytest.approx(
         float(ground_height_m(305.0, 255.0)) + 30.0, abs=6.0

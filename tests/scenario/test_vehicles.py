@@ -160,9 +160,9 @@ def test_a_scenario_on_pads_is_written_and_read_again(tmp_path: Path) -> None:
     again = load_scenario(written)
     assert again == padded.scenario
     own = vehicle_sites(load_site(again))
-    places = np.array([each.home_m for each in own])
-    assert np.allclose(places[0], site.home_m)
-    assert min(float(np.hypot(*(a - b)[:2])) for a, b in itertools.combinations(places, 2)) > 45.9
+    positions = np.array([each.home_m for each in own])
+    assert np.allclose(positions[0], site.home_m)
+    assert min(float(np.hypot(*(a - b)[:2])) for a, b in itertools.combinations(positions, 2)) > 45.9
     assert [each.scenario.home for each in own] == [vehicle.home for vehicle in padded.scenario.vehicles]
     assert isinstance(again.home, Home)
     assert again.home.lat_deg == site.scenario.home.lat_deg  # type: ignore[union-attr]
@@ -176,7 +176,7 @@ def box(west: float, south: float, east: float, north: float) -> tuple[tuple[flo
     return ((west, south), (east, south), (east, north), (west, north))
 
 
-def told(parts: Sequence[tuple[float, float, float, float] | None], *, margin_m: float = 0.0) -> Site:
+def reported(parts: Sequence[tuple[float, float, float, float] | None], *, margin_m: float = 0.0) -> Site:
     """A site of 300 m by 200 m with a hole, whose vehicles have these parts."""
     site = make_site(ring=box(*AREA), holes=(box(*HOLE.bounds),))
     vehicles = tuple(
@@ -193,14 +193,14 @@ def told(parts: Sequence[tuple[float, float, float, float] | None], *, margin_m:
 
 def refusal_of(*parts: tuple[float, float, float, float] | None) -> str:
     with pytest.raises(ScenarioError) as refused:
-        own_parts(told(parts))
+        own_parts(reported(parts))
     return str(refused.value)
 
 
 def test_who_sees_what_together():
-    assert groups_of(told([None, None]).scenario) == ()
-    assert groups_of(told([None, (0.0, 0.0, 100.0, 200.0), None]).scenario) == ((1, 3), (2,))
-    assert groups_of(told([(0.0, 0.0, 100.0, 200.0), None]).scenario) == ((1,), (2,))
+    assert groups_of(reported([None, None]).scenario) == ()
+    assert groups_of(reported([None, (0.0, 0.0, 100.0, 200.0), None]).scenario) == ((1, 3), (2,))
+    assert groups_of(reported([(0.0, 0.0, 100.0, 200.0), None]).scenario) == ((1,), (2,))
 
 
 @pytest.mark.parametrize("margin_m", [0.0, 15.0])
@@ -215,7 +215,7 @@ def test_who_sees_what_together():
     ],
 )
 def test_parts_are_together_the_area_and_lie_beside_each_other(parts, margin_m):
-    site = told(parts, margin_m=margin_m)
+    site = reported(parts, margin_m=margin_m)
     shared = own_parts(site)
     assert sorted(shared.of_vehicle) == [k for k, part in enumerate(parts, start=1) if part is not None]
     assert (shared.rest is None) == (None not in parts)
@@ -229,7 +229,7 @@ def test_parts_are_together_the_area_and_lie_beside_each_other(parts, margin_m):
 
 
 def test_the_margin_belongs_to_what_it_lies_beside():
-    shared = own_parts(told([None, (0.0, 0.0, 100.0, 200.0)], margin_m=15.0))
+    shared = own_parts(reported([None, (0.0, 0.0, 100.0, 200.0)], margin_m=15.0))
     assert shared.of_vehicle[2].bounds == pytest.approx((-15.0, -15.0, 115.0, 215.0))
     assert shared.of_vehicle[2].intersection(shapely.box(100.0, 0.0, 300.0, 200.0)).area == pytest.approx(0.0)
     assert shared.rest is not None

@@ -14,7 +14,7 @@ def track_of_legs(
     return _flown(motion, points, cruise_m_s=cruise_m_s, climb_m_s=climb_m_s, descent_m_s=descent_m_s)[0]
 
 
-def places_when_passed(
+def positions_when_passed(
     motion: AutopilotMotion, points: np.ndarray, *, cruise_m_s: float, climb_m_s: float, descent_m_s: float
 ) -> np.ndarray:
     """(n - 1, 3) places of the same mass when the points behind the first count as passed."""
@@ -27,11 +27,11 @@ def _flown(
     speeds = Speeds(cruise_m_s, climb_m_s, descent_m_s)
     start, *ends = (tuple(map(float, point)) for point in points)
     legs = legs_of(motion, start, [Leg(end, speeds) for end in ends])
-    place, velocity, track, passed = np.array(start), np.zeros(3), [np.array(start)], []
+    position, velocity, track, passed = np.array(start), np.zeros(3), [np.array(start)], []
     while legs.passed < len(ends):
-        wanted = np.array(legs.wanted_velocity(tuple(place)))
+        wanted = np.array(legs.wanted_velocity(tuple(position)))
         velocity = velocity + BODY.step_s * GUIDANCE.velocity_gain_1_s * (wanted - velocity)
-        place = place + BODY.step_s * velocity
-        track.append(place)
-        passed += [place] * (legs.passed - len(passed))
+        position = position + BODY.step_s * velocity
+        track.append(position)
+        passed += [position] * (legs.passed - len(passed))
     return np.array(track), np.array(passed)

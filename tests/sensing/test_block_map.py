@@ -17,12 +17,12 @@ from uavcover.sensing.site_maps import BlockMap, in_blocks, judging_map, look_at
 
 
 def lines(site: Site) -> list[np.ndarray]:
-    ways = (
+    paths = (
         [[-50.0, 20.0], [310.0, 60.0], [310.0, 130.0]],
         [[-20.0, 190.0], [40.0, 150.0]],
         [[900.0, 900.0], [950.0, 900.0]],
     )
-    return [np.column_stack([way, site.ground.ups_m(np.array(way), 60.0)]) for way in map(np.array, ways)]
+    return [np.column_stack([path, site.ground.ups_m(np.array(path), 60.0)]) for path in map(np.array, paths)]
 
 
 @pytest.fixture
@@ -44,16 +44,16 @@ def whole() -> CoverageMap:
 def test_it_sees_what_the_whole_sees(of_blocks: Site, whole: CoverageMap) -> None:
     made = judging_map(of_blocks)
     for route in lines(of_blocks):
-        seen = made.seen(route)
-        assert np.array_equal(seen, whole.seen(route))
-        assert made.share(seen) == whole.share(seen)
-        assert made.share_of_coverable(seen) == whole.share_of_coverable(seen)
-    assert 0.1 < made.seen(lines(of_blocks)[0]).mean() < 0.9
+        observed = made.observed(route)
+        assert np.array_equal(observed, whole.observed(route))
+        assert made.fraction(observed) == whole.fraction(observed)
+        assert made.fraction_of_coverable(observed) == whole.fraction_of_coverable(observed)
+    assert 0.1 < made.observed(lines(of_blocks)[0]).mean() < 0.9
     assert np.array_equal(made.coverable, whole.coverable)
     assert np.array_equal(made.grid.weight_m2, whole.grid.weight_m2)
     observations = made.observations(lines(of_blocks)[0])
-    assert np.array_equal(made.first_seen(observations), whole.first_seen(observations))
-    assert np.array_equal(made.seen_by(observations), whole.seen_by(observations))
+    assert np.array_equal(made.first_observed(observations), whole.first_observed(observations))
+    assert np.array_equal(made.observed_by(observations), whole.observed_by(observations))
 
 
 def test_bounds_are_the_same(of_blocks: Site, whole: CoverageMap) -> None:
@@ -78,7 +78,7 @@ def test_its_cells_are_made_only_when_they_are_asked_for(
 
     monkeypatch.setattr(site_maps, "judging_block", watched)
     least_path_length_m(made, 0.9)
-    made.seen(lines(of_blocks)[0])
+    made.observed(lines(of_blocks)[0])
     assert 0 < largest < rows
     assert np.array_equal(made.grid.cells.centre_m, whole.grid.cells.centre_m)
     assert np.array_equal(made.grid.middles_m, whole.grid.middles_m)
@@ -100,7 +100,7 @@ def test_whoever_looks_at_a_block_gives_the_same_once(of_blocks: Site, whole: Co
     assert calls
     calls.clear()
     look_at_all(made, routes, elsewhere)
-    assert [made.seen(route).tolist() for route in routes] == [whole.seen(route).tolist() for route in routes]
+    assert [made.observed(route).tolist() for route in routes] == [whole.observed(route).tolist() for route in routes]
     assert np.array_equal(made.coverable, whole.coverable)
     assert made.grid.hidden_m2 == whole.grid.hidden_m2
     assert not calls
@@ -109,23 +109,23 @@ def test_whoever_looks_at_a_block_gives_the_same_once(of_blocks: Site, whole: Co
 
 
 def test_a_short_route_is_looked_at_where_it_is(of_blocks: Site, whole: CoverageMap) -> None:
-    asked = []
+    required = []
 
     def here(site: Site, tasks):
-        asked.append([len(task.routes_m) for task in tasks])
+        required.append([len(task.routes_m) for task in tasks])
         yield from one_after_the_other(site, tasks)
 
     made = judging_map(of_blocks)
     look_at_all(made, (), here)
-    all_blocks = len(asked.pop())
+    all_blocks = len(required.pop())
     long, short, far = lines(of_blocks)
     north = long + np.array([0.0, 250.0, 0.0])
     look_at_all(made, [north, far], here)
-    assert 0 < len(asked.pop()) < all_blocks
+    assert 0 < len(required.pop()) < all_blocks
     look_at_all(made, [far + np.array([0.0, 900.0, 0.0])], here)
-    assert asked == [[]]
+    assert required == [[]]
     for route in (north, far, short, long):
-        assert np.array_equal(made.seen(route), whole.seen(route))
+        assert np.array_equal(made.observed(route), whole.observed(route))
 
 
 def test_small_areas_and_those_with_too_many_cells_are_looked_at_in_one_piece(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -147,4 +147,4 @@ def test_an_area_without_cells_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     site = make_site(hills, ring=((0.0, 0.0), (1.0, 0.0), (60.0, 59.0), (60.0, 60.0), (59.0, 60.0)), cell_m=150.0)
     site = in_blocks(site)
     with pytest.raises(ScenarioError, match="no 150 m cell is centred in the area; use smaller cells"):
-        judging_map(site).seen(np.array([[0.0, 0.0, 60.0]]))
+        judging_map(site).observed(np.array([[0.0, 0.0, 60.0]]))

@@ -55,9 +55,9 @@ def test_blocks_see_what_the_whole_sees(step) -> None:
     route = np.column_stack([line, site.ground.ups_m(line, 60.0)])
     whole = judging_map(site)
     pieces = [judging_block(site, each) for each in blocks(whole.grid.cells.lattice.shape[0], step)]
-    seen = np.concatenate([piece.seen(route) for piece in pieces])
-    assert np.array_equal(seen, whole.seen(route))
-    assert 0.1 < seen.mean() < 0.95
+    observed = np.concatenate([piece.observed(route) for piece in pieces])
+    assert np.array_equal(observed, whole.observed(route))
+    assert 0.1 < observed.mean() < 0.95
     assert np.array_equal(np.concatenate([piece.coverable for piece in pieces]), whole.coverable)
 
 
@@ -70,7 +70,7 @@ def test_an_area_of_several_pieces_has_blocks_without_cells() -> None:
     assert 0 in counts
     assert sum(counts) == whole.grid.count
     route = np.array([[0.0, 100.0, 90.0], [300.0, 350.0, 90.0]])
-    assert np.array_equal(np.concatenate([piece.seen(route) for piece in pieces]), whole.seen(route))
+    assert np.array_equal(np.concatenate([piece.observed(route) for piece in pieces]), whole.observed(route))
 
 
 def test_row_blocks_are_all_rows_once() -> None:

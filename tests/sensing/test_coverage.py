@@ -45,8 +45,8 @@ def test_forty_random_nodes_see_what_the_reference_measured(name, line_of_sight,
         # Discs know no ground: there the nodes lie evenly over the plane.
         return rng.uniform([0, 0, -1], [10, 10, 1], (40, 3)) if name == "paper-planar" else random_nodes(site, rng)
 
-    shares = [coverage.share(coverage.seen(nodes())) for _ in range(30)]
-    assert 100.0 * np.mean(shares) == pytest.approx(mean, abs=1.5)
+    fractions = [coverage.fraction(coverage.observed(nodes())) for _ in range(30)]
+    assert 100.0 * np.mean(fractions) == pytest.approx(mean, abs=1.5)
 
 
 def test_weights_are_the_area_of_the_ground():
@@ -57,10 +57,10 @@ def test_weights_are_the_area_of_the_ground():
     for size, tolerance in ((0.5, 2e-3), (0.1, 1e-4)):
         assert make_cells(site, size).weight_m2.sum() == pytest.approx(expected, rel=tolerance)
     grid = make_cells(site, 0.5)
-    assert grid.share(np.ones(400, dtype=bool)) == pytest.approx(1.0)
-    assert grid.share(np.zeros(400, dtype=bool)) == 0.0
+    assert grid.fraction(np.ones(400, dtype=bool)) == pytest.approx(1.0)
+    assert grid.fraction(np.zeros(400, dtype=bool)) == 0.0
     half = np.arange(400) < 200
-    assert grid.share(half) == pytest.approx(grid.weight_m2[:200].sum() / expected, rel=2e-3)
+    assert grid.fraction(half) == pytest.approx(grid.weight_m2[:200].sum() / expected, rel=2e-3)
 
 
 def test_cells_are_centres_on_the_ground_with_upright_unit_normals():
@@ -95,21 +95,21 @@ def test_a_quarter_turn_changes_nothing():
     turned_nodes = np.rot90(nodes)  # the rows go north: (e, n) goes to (40 - n, e) or the reverse
     route = np.random.default_rng(5).uniform([0, 0, 20], [40, 40, 45], (5, 3))
     # No centre of these cells lies on a line between nodes, where the slope is that of one side.
-    share = CoverageMap(grid_site(nodes), cell_size_m=2.5)
+    fraction = CoverageMap(grid_site(nodes), cell_size_m=2.5)
     turned = CoverageMap(grid_site(turned_nodes), cell_size_m=2.5)
     # rot90 of rows by columns puts column c of row r into row (last - c): north' = 40 - east, east' = north.
     turned_route = np.column_stack([route[:, 1], 40.0 - route[:, 0], route[:, 2]])
-    a, b = share.share(share.seen(route)), turned.share(turned.seen(turned_route))
+    a, b = fraction.fraction(fraction.observed(route)), turned.fraction(turned.observed(turned_route))
     assert 0.1 < a < 0.95
     assert a == pytest.approx(b, abs=1e-9)
-    assert share.grid.weight_m2.sum() == pytest.approx(turned.grid.weight_m2.sum())
+    assert fraction.grid.weight_m2.sum() == pytest.approx(turned.grid.weight_m2.sum())
 
 
 def test_everything_of_the_paper_is_coverable_and_its_share_is_relative():
     coverage = CoverageMap(paper(), cell_size_m=0.5)
     assert coverage.coverable.all()
-    seen = np.arange(400) % 3 == 0
-    assert coverage.share_of_coverable(seen) == pytest.approx(coverage.share(seen))
+    observed = np.arange(400) % 3 == 0
+    assert coverage.fraction_of_coverable(observed) == pytest.approx(coverage.fraction(observed))
 
 
 def test_what_lies_too_deep_for_the_sea_level_limit_is_not_coverable():
@@ -121,10 +121,10 @@ def test_what_lies_too_deep_for_the_sea_level_limit_is_not_coverable():
     assert high.any()
     assert not coverage.coverable[high].any()
     assert coverage.coverable[coverage.grid.cells.centre_m[:, 2] == 0.0].all()
-    assert coverage.share_of_coverable(coverage.coverable) == 1.0
+    assert coverage.fraction_of_coverable(coverage.coverable) == 1.0
     nothing = CoverageMap(grid_site(nodes, max_alt_amsl_m=5.0), cell_size_m=2.0)
     assert not nothing.coverable.any()
-    assert nothing.share_of_coverable(np.ones(nothing.grid.count, dtype=bool)) == 0.0
+    assert nothing.fraction_of_coverable(np.ones(nothing.grid.count, dtype=bool)) == 0.0
 
 
 def test_what_no_place_inside_the_fence_reaches_is_not_coverable():
@@ -145,11 +145,11 @@ def test_sensing_along_the_path_looks_between_the_waypoints_too():
     path = CoverageMap(
         grid_site(np.zeros((17, 17)), sensor=dataclasses.replace(disc, sensing="along-path")), cell_size_m=2.0
     )
-    assert ends.observations(route).places_m.tolist() == route.tolist()
+    assert ends.observations(route).positions_m.tolist() == route.tolist()
     assert len(path.observations(route)) == 11
-    assert path.share(path.seen(route)) > 2 * ends.share(ends.seen(route))
-    first = path.first_seen(path.observations(route))
-    assert (first >= 0).tolist() == path.seen(route).tolist()
+    assert path.fraction(path.observed(route)) > 2 * ends.fraction(ends.observed(route))
+    first = path.first_observed(path.observations(route))
+    assert (first >= 0).tolist() == path.observed(route).tolist()
     assert first.max() <= 10
 
 
@@ -192,9 +192,9 @@ def test_observations_spread_out_are_the_same_ones_and_the_first_ones_are_far_ap
     numbers = np.arange(count, dtype=float)
     path = LevelObservations(np.outer(numbers, [1.0, 2.0, 3.0]), np.outer(numbers, [4.0, 5.0]))
     other = path.spread_out()
-    order = other.places_m[:, 0].astype(int)
+    order = other.positions_m[:, 0].astype(int)
     assert sorted(order.tolist()) == list(range(count))
-    assert np.array_equal(other.places_m, path.places_m[order])
+    assert np.array_equal(other.positions_m, path.positions_m[order])
     assert np.array_equal(other.headings, path.headings[order])
     assert (np.diff(np.sort(order[: max(1, count // 32)])) >= 32).all()
 
@@ -205,6 +205,6 @@ def test_what_is_seen_does_not_depend_on_the_order_of_observations(trigger):
     coverage = CoverageMap(make_site(hills, sensor=sensor), cell_size_m=5.0)
     ground = coverage.site.ground.heights_m(np.array([[0.0, 40.0], [300.0, 60.0], [290.0, 150.0], [10.0, 140.0]]))
     route = np.column_stack([[0.0, 300.0, 290.0, 10.0], [40.0, 60.0, 150.0, 140.0], ground + 75.0])
-    in_order = coverage.first_seen(coverage.flown_observations(route)) >= 0
+    in_order = coverage.first_observed(coverage.flown_observations(route)) >= 0
     assert 0 < in_order.sum() < coverage.grid.count
-    assert coverage.seen(route).tolist() == in_order.tolist()
+    assert coverage.observed(route).tolist() == in_order.tolist()

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from scripts.bench.kinds import measure
-from tests.naive.flown_line import arducopter, passed_corners, reached_places
+from tests.naive.flown_line import arducopter, passed_corners, reached_positions
 from tests.planner.sites import make_site
-from tests.sensing.flown_lines import places_when_passed, track_of_legs
+from tests.sensing.flown_lines import positions_when_passed, track_of_legs
 from tests.terrain_kinds import write_scenario
 from uavcover.model.vehicle import MOTIONS
 from uavcover.scenario.site import Site, load_site
 from uavcover.scenario.vehicles import moving_pace
-from uavcover.sensing.flown_line import corners_matter, line_flown, places_passed_m, rounded_corners
+from uavcover.sensing.flown_line import corners_matter, line_flown, positions_passed_m, rounded_corners
 from uavcover.sensing.site_maps import judging_map
 
 PACE = moving_pace(
@@ -39,10 +39,10 @@ _CLOSE_M = 0.12
 def test_corners_are_flown_as_the_mock_vehicle_flies_them(name: str) -> None:
     points = np.array(ROUTES[name], dtype=float)
     track = track_of_legs(MOTIONS["ardupilot"], points, cruise_m_s=10.0, climb_m_s=4.0, descent_m_s=3.0)
-    corners = rounded_corners(PACE, points).places_m
+    corners = rounded_corners(PACE, points).positions_m
     middles = corners[:, corners.shape[1] // 2]
     for corner in corners:
-        assert max(float(np.linalg.norm(track - place, axis=1).min()) for place in corner) < _CLOSE_M
+        assert max(float(np.linalg.norm(track - position, axis=1).min()) for position in corner) < _CLOSE_M
     for middle, point in zip(middles, points[1:-1], strict=True):
         nearest = float(np.linalg.norm(track - point, axis=1).min())
         assert np.linalg.norm(middle - point) == pytest.approx(nearest, abs=_CLOSE_M)
@@ -61,7 +61,7 @@ def test_corners_are_those_of_small_steps_of_time(name: str) -> None:
     for k, corner in enumerate(corners):
         before = np.linspace(points[k], slowly[k, 0], 2_000)
         line = np.vstack([before, slowly[k], np.linspace(slowly[k, -1], points[k + 2], 2_000)])
-        assert max(float(np.linalg.norm(line - place, axis=1).min()) for place in corner) < 0.15
+        assert max(float(np.linalg.norm(line - position, axis=1).min()) for position in corner) < 0.15
 
 
 @pytest.mark.parametrize("name", ROUTES)
@@ -71,22 +71,22 @@ def test_px4_has_reached_a_waypoint_before_it_is_there(name: str) -> None:
     site = make_site(
         home=(points[0, 0], points[0, 1]), vehicle={"autopilot": "px4"} | {"takeoff_height_m": float(points[0, 2])}
     )
-    reached = places_passed_m(site, points[1:])
-    np.testing.assert_allclose(reached, reached_places(points), atol=0.02)
+    reached = positions_passed_m(site, points[1:])
+    np.testing.assert_allclose(reached, reached_positions(points), atol=0.02)
     off_m = np.linalg.norm(reached - points[1:], axis=1)
     assert (off_m > 0.7).all()
     assert (off_m <= 2.2).all()
-    flown = places_when_passed(MOTIONS["px4"], points, cruise_m_s=10.0, climb_m_s=4.0, descent_m_s=3.0)
+    flown = positions_when_passed(MOTIONS["px4"], points, cruise_m_s=10.0, climb_m_s=4.0, descent_m_s=3.0)
     assert np.linalg.norm(reached - flown, axis=1).max() < 1.0
     # The line ends there, and leads through the other waypoints; so does the track, but for its bends.
-    line = line_flown(site, points[1:]).places_m
+    line = line_flown(site, points[1:]).positions_m
     np.testing.assert_array_equal(line, [*points[1:-1], reached[-1]])
     track = track_of_legs(MOTIONS["px4"], points, cruise_m_s=10.0, climb_m_s=4.0, descent_m_s=3.0)
     dense = np.vstack([np.linspace(a, b, 300) for a, b in itertools.pairwise([points[0], *line])])
-    assert np.mean([np.linalg.norm(dense - place, axis=1).min() for place in track[::10]]) < 0.5
+    assert np.mean([np.linalg.norm(dense - position, axis=1).min() for position in track[::10]]) < 0.5
     only_waypoints = dataclasses.replace(site.scenario.limits, applies_to="waypoints")
     paper = dataclasses.replace(site, scenario=dataclasses.replace(site.scenario, limits=only_waypoints))
-    np.testing.assert_array_equal(places_passed_m(paper, points[1:]), points[1:])
+    np.testing.assert_array_equal(positions_passed_m(paper, points[1:]), points[1:])
 
 
 def small_site(tmp_path: Path, sensor: str, terrain: str = "40 m") -> Site:
@@ -97,26 +97,26 @@ def test_the_line_begins_and_ends_nearly_on_its_legs_where_its_ends_are_passed(t
     """How they are passed depends on the ways there and home: a cliff was in view from the first place, and not in flight."""
     site = small_site(tmp_path, "nadir")
     route = np.array([[62.0, 40.0, 84.0], [80.0, 55.0, 84.0], [98.0, 40.0, 84.0]])
-    line, passed = line_flown(site, route).places_m, places_passed_m(site, route)
+    line, passed = line_flown(site, route).positions_m, positions_passed_m(site, route)
     off = np.linalg.norm(passed - route, axis=1)
     assert (off > 0.2).all()
     assert (off <= 2.0).all()
     assert np.linalg.norm(line - passed[1], axis=1).min() == 0.0
     for end, leg, passed_m in ((line[0], route[:2], passed[0]), (line[-1], route[:0:-1], passed[2])):
-        way = (leg[1] - leg[0]) / np.linalg.norm(leg[1] - leg[0])
-        beside_m = np.linalg.norm((end - leg[0]) - ((end - leg[0]) @ way) * way)
+        step = (leg[1] - leg[0]) / np.linalg.norm(leg[1] - leg[0])
+        beside_m = np.linalg.norm((end - leg[0]) - ((end - leg[0]) @ step) * step)
         assert beside_m < 0.35 * np.linalg.norm(passed_m - leg[0])
-        assert 0.0 < (end - passed_m) @ way < 7.0
+        assert 0.0 < (end - passed_m) @ step < 7.0
     # A single waypoint is passed on the way home.
-    assert len(line_flown(site, route[:1]).places_m) == 1
-    assert 0.2 < np.linalg.norm(places_passed_m(site, route[:1]) - route[:1]) <= 2.0
+    assert len(line_flown(site, route[:1]).positions_m) == 1
+    assert 0.2 < np.linalg.norm(positions_passed_m(site, route[:1]) - route[:1]) <= 2.0
 
 
 def test_pictures_by_distance_begin_at_a_stop_with_the_heading_of_the_way_there(tmp_path: Path) -> None:
     site = small_site(tmp_path, "survey")
     route = np.array([[62.0, 40.0, 84.0], [40.0, 90.0, 84.0]])
     looks = judging_map(site).flown_observations(route)
-    np.testing.assert_array_equal(looks.places_m[0], route[0])
+    np.testing.assert_array_equal(looks.positions_m[0], route[0])
     np.testing.assert_array_equal(looks.headings[0], route[0, :2] - site.home_m[:2])
     np.testing.assert_allclose(looks.headings[1], route[1, :2] - route[0, :2], rtol=0.2)
 
@@ -126,11 +126,11 @@ def test_the_nose_stays_where_it_is_while_the_vehicle_hardly_moves(tmp_path: Pat
     # At the second waypoint it nearly turns back, and its nose swings around in the last centimetres of the line.
     route = np.array([[62.0, 40.0, 84.0], [80.0, 55.0, 84.0], [40.0, 28.0, 84.0]])
     line = line_flown(site, route)
-    ways = np.diff(line.places_m[:, :2], axis=0)
-    off = _turned_deg(line.headings, ways)
-    size_m = np.hypot(ways[:, 0], ways[:, 1])
-    # Up to there it points along the line, and behind it as soon as it has come round (tests/sensing/test_turning_nose.py).
-    back = int(np.argmax(_turned_deg(ways, np.tile(ways[0], (len(ways), 1))) > 90.0))
+    steps = np.diff(line.positions_m[:, :2], axis=0)
+    off = _turned_deg(line.headings, steps)
+    size_m = np.hypot(steps[:, 0], steps[:, 1])
+    # Up to there it points along the line, and behind it as soon as it has come round (tests/sensing/test_yaw_in_turns.py).
+    back = int(np.argmax(_turned_deg(steps, np.tile(steps[0], (len(steps), 1))) > 90.0))
     before = off[:back]
     assert before[size_m[:back] > 0.25].max() < 1e-3
     assert before.max() > 10.0
@@ -156,7 +156,7 @@ def test_pictures_by_distance_are_counted_along_the_line_that_is_flown_over_any_
     flown, straight = fine.flown_observations(route), fine.observations(route)
     # Through the waypoints a picture is due in each bend. The vehicle passes on the inside, and all later ones come later.
     assert len(flown) < len(straight)
-    late_m = np.linalg.norm(flown.places_m - straight.places_m[: len(flown)], axis=1)
+    late_m = np.linalg.norm(flown.positions_m - straight.positions_m[: len(flown)], axis=1)
     assert late_m[:7].max() < 0.01
     assert late_m[-1] > 100.0
 
@@ -168,10 +168,10 @@ def test_every_sensor_sees_from_the_line_that_is_flown_over_any_area(tmp_path: P
     assert corners_matter(site)
     route = np.array([[100.0, 100.0, 84.0], [200.0, 100.0, 84.0], [200.0, 150.0, 84.0]])
     fine = judging_map(site)
-    corner = fine.flown_observations(route).places_m
+    corner = fine.flown_observations(route).positions_m
     off_m = np.linalg.norm(corner - route[1], axis=1).min()
     assert 0.5 < off_m < 2.5
-    assert np.linalg.norm(fine.observations(route).places_m - route[1], axis=1).min() == 0.0
+    assert np.linalg.norm(fine.observations(route).positions_m - route[1], axis=1).min() == 0.0
 
 
 def test_lines_that_are_flown_exactly_stay_as_they_are(tmp_path: Path) -> None:
@@ -187,7 +187,7 @@ def test_lines_that_are_flown_exactly_stay_as_they_are(tmp_path: Path) -> None:
         dataclasses.replace(small, home_m=None),
     ):
         assert not corners_matter(other)
-        np.testing.assert_array_equal(line_flown(other, route).places_m, route)
+        np.testing.assert_array_equal(line_flown(other, route).positions_m, route)
 
 
 def test_vehicles_of_a_fleet_pass_their_ends_each_from_its_own_home(tmp_path: Path) -> None:
@@ -195,7 +195,7 @@ def test_vehicles_of_a_fleet_pass_their_ends_each_from_its_own_home(tmp_path: Pa
     route = np.array([[62.0, 20.0, 60.0], [70.0, 28.0, 60.0]])
     away = dataclasses.replace(site, home_m=site.home_m + np.array([160.0, 0.0, 0.0]))
     fine = judging_map(site)
-    assert (fine.seen(route) != fine.flown_from(away).seen(route)).any()
+    assert (fine.observed(route) != fine.flown_from(away).observed(route)).any()
 
 
 @pytest.mark.parametrize("sensor", ["nadir", "survey"])

@@ -22,18 +22,20 @@ def test_half_the_size_and_shifted_by_half_a_cell() -> None:
 def test_no_cell_counts_that_a_planner_may_have_looked_at() -> None:
     site = make_site(hills, cell_m=10.0, planner={"cell_size_m": 25.0})
     hold_out = HoldOut(site)
-    counted = {tuple(place) for place in np.round(hold_out.coverage.grid.cells.centre_m[hold_out.held_out, :2], 6)}
+    counted = {
+        tuple(position) for position in np.round(hold_out.coverage.grid.cells.centre_m[hold_out.held_out, :2], 6)
+    }
     for size in (10.0, 25.0):
         known = CoverageMap(site, cell_size_m=size).grid.cells.centre_m[:, :2]
-        assert not counted & {tuple(place) for place in np.round(known, 6)}
+        assert not counted & {tuple(position) for position in np.round(known, 6)}
     assert 0.7 < hold_out.held_out.mean() < 0.8
 
 
 def test_coverage_is_that_of_the_cells_that_count() -> None:
     hold_out = HoldOut(make_site(hills))
-    seen = hold_out.coverage.seen(LINE)
+    observed = hold_out.coverage.observed(LINE)
     weight, counts = hold_out.coverage.grid.weight_m2, hold_out.held_out & hold_out.coverage.coverable
-    by_hand = sum(w for w, s, c in zip(weight, seen, counts, strict=True) if s and c)
+    by_hand = sum(w for w, s, c in zip(weight, observed, counts, strict=True) if s and c)
     by_hand /= sum(w for w, c in zip(weight, counts, strict=True) if c)
     assert hold_out.coverage_of_coverable(LINE) == pytest.approx(by_hand)
     assert by_hand > 0.1
@@ -47,8 +49,10 @@ def test_lines_of_sight_are_rays_whatever_the_scenario_says() -> None:
         return np.where((east > 130.0) & (east < 150.0), 60.0, 0.0) + 0.0 * north
 
     eyes = np.array([[60.0, 100.0, 45.0]])
-    shares = [HoldOut(make_site(wall, sensor=ball(kind))).coverage_of_coverable(eyes) for kind in ("ray", "midpoint")]
-    assert shares[0] == shares[1] > 0.0
+    fractions = [
+        HoldOut(make_site(wall, sensor=ball(kind))).coverage_of_coverable(eyes) for kind in ("ray", "midpoint")
+    ]
+    assert fractions[0] == fractions[1] > 0.0
     limits = {"ray": CoverageMap(make_site(wall, sensor=ball("ray")), cell_size_m=5.0)}
     limits["midpoint"] = CoverageMap(make_site(wall, sensor=ball("midpoint")), cell_size_m=5.0)
-    assert limits["midpoint"].seen(eyes).sum() > limits["ray"].seen(eyes).sum()
+    assert limits["midpoint"].observed(eyes).sum() > limits["ray"].observed(eyes).sum()

@@ -11,7 +11,7 @@ from tests.terrain_kinds import write_scenario
 from uavcover.model.scenario import Scenario
 from uavcover.planner.baselines.boustrophedon import fly_layout, regular_layout
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.cells import MOST_PLACES, evenness, is_judged_on_smaller_cells, judged_cell_size_m
+from uavcover.sensing.cells import MOST_POSITIONS, evenness, is_judged_on_smaller_cells, judged_cell_size_m
 from uavcover.sensing.site_maps import finer_map, judging_block, judging_map, judging_maps, row_blocks
 
 
@@ -25,7 +25,7 @@ def lines(site: Site) -> np.ndarray:
     return fly_layout(site, layout).waypoints_m
 
 
-def asking(scenario: Scenario, fewest_places: int) -> Site:
+def restricted_to(scenario: Scenario, fewest_places: int) -> Site:
     return load_site(
         dataclasses.replace(scenario, area=dataclasses.replace(scenario.area, fewest_places=fewest_places))
     )
@@ -44,9 +44,9 @@ def test_few_cells_are_made_more(terrain: str, sensor: str, tmp_path: Path) -> N
     site = load_site(str(write_scenario(tmp_path, terrain, sensor)))
     assert 0.98 * 25_000 < judging_map(site).grid.count < 1.1 * 25_000
     assert is_judged_on_smaller_cells(site)
-    own = asking(site.scenario, 0)
+    own = restricted_to(site.scenario, 0)
     assert judging_map(own).grid.size_m == own.scenario.area.cell_size_m
-    more = asking(site.scenario, 30_000)
+    more = restricted_to(site.scenario, 30_000)
     assert judging_map(more).grid.count > judging_map(site).grid.count
 
 
@@ -54,9 +54,9 @@ def test_cliffs_that_hold_much_of_the_ground_get_more(canyon: Site) -> None:
     assert evenness(canyon) < 0.4
     weight = judging_map(canyon).grid.weight_m2
     assert 0.8 * 25_000 < weight.sum() ** 2 / (weight**2).sum() < 1.2 * 25_000
-    assert 60_000 < weight.size <= MOST_PLACES
-    most = asking(canyon.scenario, 100_000)
-    assert most.area.area / judged_cell_size_m(most) ** 2 == pytest.approx(MOST_PLACES)
+    assert 60_000 < weight.size <= MOST_POSITIONS
+    most = restricted_to(canyon.scenario, 100_000)
+    assert most.area.area / judged_cell_size_m(most) ** 2 == pytest.approx(MOST_POSITIONS)
 
 
 def test_a_coverage_is_the_same_at_other_places_in_a_canyon(canyon: Site) -> None:
@@ -66,7 +66,7 @@ def test_a_coverage_is_the_same_at_other_places_in_a_canyon(canyon: Site) -> Non
     assert other is not None
     assert not np.array_equal(own.grid.cells.centre_m, other.grid.cells.centre_m)
     assert own.grid.size_m == other.grid.size_m
-    assert own.share(own.seen(route)) == pytest.approx(other.share(other.seen(route)), abs=0.002)
+    assert own.fraction(own.observed(route)) == pytest.approx(other.fraction(other.observed(route)), abs=0.002)
     assert judging_maps(canyon) == [own]
     assert finer_map(canyon) is other
 

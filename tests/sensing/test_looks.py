@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.naive.looks import looks_by_pairs
-from uavcover.sensing.pictures import looks_of
+from uavcover.sensing.photos import looks_of
 
 DOWN = (0.0, 0.0, -1.0)
 
@@ -41,19 +41,19 @@ def test_other_directions_are_other_looks():
 
 
 def test_files_of_one_capture_are_one_look_wherever_their_receiver_says_they_are():
-    places = line(12, 8.0)
+    positions = line(12, 8.0)
     ids = ["a"] * 3 + ["b"] * 3 + [None] * 6
-    assert looks_of(places, views(12), np.full(12, 3.0), ids).tolist() == [0, 0, 0, 1, 1, 1, 2, 3, 4, 5, 6, 7]
+    assert looks_of(positions, views(12), np.full(12, 3.0), ids).tolist() == [0, 0, 0, 1, 1, 1, 2, 3, 4, 5, 6, 7]
     # An id that every photo has is no id of a capture.
-    assert looks_of(places, views(12), np.full(12, 3.0), ["x"] * 12).max() == 11
+    assert looks_of(positions, views(12), np.full(12, 3.0), ["x"] * 12).max() == 11
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_as_the_naive_twin_groups_them(seed):
     rng = np.random.default_rng(seed)
-    places = rng.uniform(0.0, 60.0, (80, 3))
+    positions = rng.uniform(0.0, 60.0, (80, 3))
     axes = rng.normal(0.0, 0.3, (80, 3)) + DOWN
     axes /= np.linalg.norm(axes, axis=1)[:, None]
     closer = rng.uniform(2.0, 8.0, 80)
     ids = [None if rng.random() < 0.6 else f"c{rng.integers(30)}" for _ in range(80)]
-    assert looks_of(places, axes, closer, ids).tolist() == looks_by_pairs(places, axes, closer, ids)
+    assert looks_of(positions, axes, closer, ids).tolist() == looks_by_pairs(positions, axes, closer, ids)

@@ -32,14 +32,14 @@ def test_two_waypoints_too_near_to_each_other_are_one_look():
     once = coverage_of(requirements={}, vehicle=EXACT)
     near = np.array([[150.0, 100.0, 80.0], [170.0, 100.0, 80.0]])
     apart = np.array([[150.0, 100.0, 80.0], [180.0, 100.0, 80.0]])
-    assert once.seen(near).sum() > 0
-    assert not coverage.seen(near).any()
-    both = once.seen(apart[:1]) & once.seen(apart[1:])
-    assert coverage.seen(apart).tolist() == both.tolist()
-    assert 0 < both.sum() < once.seen(apart).sum()
+    assert once.observed(near).sum() > 0
+    assert not coverage.observed(near).any()
+    both = once.observed(apart[:1]) & once.observed(apart[1:])
+    assert coverage.observed(apart).tolist() == both.tolist()
+    assert 0 < both.sum() < once.observed(apart).sum()
     # The second of three is too near to the first: the first and the third count.
     three = np.vstack([near, [[190.0, 100.0, 80.0]]])
-    assert coverage.seen(three).tolist() == (once.seen(three[:1]) & once.seen(three[2:])).tolist()
+    assert coverage.observed(three).tolist() == (once.observed(three[:1]) & once.observed(three[2:])).tolist()
 
 
 def test_the_local_search_counts_as_the_judge_does():
@@ -51,9 +51,9 @@ def test_the_local_search_counts_as_the_judge_does():
     kept = state.route[: state.size[0]]
     assert 4 < len(kept) < 14
     assert all(math.dist(p, q) >= 30.0 for p, q in itertools.combinations(kept.tolist(), 2))
-    seen = coverage.seen(kept)
-    assert ((state.counts[problem.numbers.square] >= 2) == seen).all()
-    assert state.seen[0] == pytest.approx(coverage.share_of_coverable(seen), abs=1e-9)
+    observed = coverage.observed(kept)
+    assert ((state.counts[problem.numbers.square] >= 2) == observed).all()
+    assert state.observed[0] == pytest.approx(coverage.fraction_of_coverable(observed), abs=1e-9)
 
 
 def test_what_can_be_covered_twice():
@@ -71,7 +71,7 @@ def test_a_flight_counts_as_planned_and_says_what_was_seen_too_seldom():
     planned = PlannedRoute(path, 1.0)
     track = fly_along(coverage.site, path)
     flown = flown_coverage(coverage, track, planned)
-    assert flown.seen.tolist() == coverage.seen(path).tolist()
+    assert flown.observed.tolist() == coverage.observed(path).tolist()
     assert flown.passes.max() == 3
     gaps = verify_flight(coverage.site, coverage, [FlownTrack(track, planned)]).report.gaps
     assert {gap.reason for gap in gaps} == {"too-few-looks", "never-in-range"}
@@ -80,8 +80,8 @@ def test_a_flight_counts_as_planned_and_says_what_was_seen_too_seldom():
     scenario = dataclasses.replace(coverage.site.scenario, uncertainty=unsure)
     blurred = CoverageMap(dataclasses.replace(coverage.site, scenario=scenario), cell_size_m=10.0)
     answer = flown_coverage(blurred, track, planned)
-    assert not (answer.surely_seen & ~answer.seen).any()
-    assert answer.surely_seen.sum() < answer.seen.sum() < answer.possibly_seen.sum()
+    assert not (answer.certain_cells & ~answer.observed).any()
+    assert answer.certain_cells.sum() < answer.observed.sum() < answer.possible_cells.sum()
 
 
 def test_waypoints_that_may_have_been_anywhere_may_all_be_looks_of_their_own():
@@ -97,9 +97,9 @@ def test_waypoints_that_may_have_been_anywhere_may_all_be_looks_of_their_own():
         answer = flown_coverage(CoverageMap(site, cell_size_m=10.0), track, planned)
         east_north = coverage.grid.cells.centre_m[:, :2]
         both = (np.linalg.norm(east_north[:, None] - path[:, :2], axis=2) <= 60.0 + position_m).all(axis=1)
-        assert not answer.seen.any()
-        assert not answer.surely_seen.any()
-        assert answer.possibly_seen.tolist() == both.tolist()
+        assert not answer.observed.any()
+        assert not answer.certain_cells.any()
+        assert answer.possible_cells.tolist() == both.tolist()
         assert both.any()
 
 

@@ -64,11 +64,11 @@ def test_the_same_cells_are_seen_from_a_route_and_can_be_covered(sensor: Sensor)
     assert not first.site.scenario.sensor.has_own_view
     rng = np.random.default_rng(5)
     route = rng.uniform((0.0, 0.0, 60.0), (300.0, 200.0, 150.0), (7, 3))
-    seen = first.seen(route)
-    assert 20 < seen.sum() < seen.size
-    np.testing.assert_array_equal(second.seen(route), seen)
+    observed = first.observed(route)
+    assert 20 < observed.sum() < observed.size
+    np.testing.assert_array_equal(second.observed(route), observed)
     observations = first.observations(route)
-    np.testing.assert_array_equal(second.first_seen(observations), first.first_seen(observations))
+    np.testing.assert_array_equal(second.first_observed(observations), first.first_observed(observations))
     np.testing.assert_array_equal(second.coverable, first.coverable)
 
 
@@ -84,19 +84,19 @@ def test_a_view_wider_than_the_one_it_is_planned_by_is_seen_whole() -> None:
     second, _ = maps(Wider(kind="nadir-camera", fov_deg=30.0, range_m=150.0))
     route = np.random.default_rng(6).uniform((0.0, 0.0, 60.0), (300.0, 200.0, 150.0), (5, 3))
     observations = first.observations(route)
-    seen = first.seen_by(observations)
-    assert 20 < seen.sum() < seen.size
-    np.testing.assert_array_equal(second.seen_by(observations), seen)
+    observed = first.observed_by(observations)
+    assert 20 < observed.sum() < observed.size
+    np.testing.assert_array_equal(second.observed_by(observations), observed)
 
 
 def test_as_many_looks_count() -> None:
     sensor = dataclasses.replace(BUILT_IN["sphere"], sensing="at-waypoints")
     first, second = maps(sensor, requirements={"looks": 3, "look_distance_m": 25.0})
-    places = np.random.default_rng(2).uniform((0.0, 0.0, 60.0), (300.0, 200.0, 120.0), (40, 3))
-    places[7] = np.nan
-    found = first.first_seen(LevelObservations.towards_north(places))
+    positions = np.random.default_rng(2).uniform((0.0, 0.0, 60.0), (300.0, 200.0, 120.0), (40, 3))
+    positions[7] = np.nan
+    found = first.first_observed(LevelObservations.towards_north(positions))
     assert 20 < (found >= 0).sum() < found.size
-    np.testing.assert_array_equal(second.first_seen(LevelObservations.towards_north(places)), found)
+    np.testing.assert_array_equal(second.first_observed(LevelObservations.towards_north(positions)), found)
 
 
 @pytest.mark.parametrize("sensor", BUILT_IN.values(), ids=BUILT_IN.keys())

@@ -59,19 +59,19 @@ def test_a_swath_counts_in_full(sensor):
     coverage = CoverageMap(site, cell_size_m=reach_m / 12.0)
     weight = coverage.grid.weight_m2
 
-    def share(seen):
-        return float(weight[seen].sum() / weight.sum())
+    def fraction(observed):
+        return float(weight[observed].sum() / weight.sum())
 
     fine = dataclasses.replace(
         site.scenario, sensor=dataclasses.replace(site.scenario.sensor, sample_spacing_m=reach_m / 30.0)
     )
-    ideal = share(CoverageMap(build_site(fine), cell_size_m=reach_m / 12.0).seen(route))
+    ideal = fraction(CoverageMap(build_site(fine), cell_size_m=reach_m / 12.0).observed(route))
     assert ideal > 0.93
-    assert share(coverage.seen(route)) > ideal - 0.02
+    assert fraction(coverage.observed(route)) > ideal - 0.02
     flown = level_observations(site, route, 0.0)
-    headings = np.zeros((len(flown.places_m), 2))
+    headings = np.zeros((len(flown.positions_m), 2))
     headings[:, 0] = 1.0
-    assert share(coverage.seen_by(LevelObservations(flown.places_m, headings))) > ideal - 0.05
+    assert fraction(coverage.observed_by(LevelObservations(flown.positions_m, headings))) > ideal - 0.05
 
 
 @pytest.mark.parametrize("turned_deg", [20.0, 45.0, 70.0])
@@ -82,9 +82,9 @@ def test_an_oblique_swath_of_a_fixed_heading_counts_in_full(turned_deg):
     along = np.array([np.sin(np.radians(turned_deg)), np.cos(np.radians(turned_deg))])
     route = np.array([[*(30.0 + t * along), HEIGHT_M] for t in (-80.0, 80.0)])
     fine = dataclasses.replace(site.scenario, sensor=dataclasses.replace(site.scenario.sensor, sample_spacing_m=0.1))
-    seen, ideal = (CoverageMap(of, cell_size_m=0.5).seen(route).mean() for of in (site, build_site(fine)))
+    observed, ideal = (CoverageMap(of, cell_size_m=0.5).observed(route).mean() for of in (site, build_site(fine)))
     assert 0.3 < ideal < 0.7
-    assert 0.98 * ideal < seen <= ideal
+    assert 0.98 * ideal < observed <= ideal
 
 
 def test_a_stated_spacing_that_leaves_gaps_is_refused():
@@ -95,7 +95,7 @@ def test_a_stated_spacing_that_leaves_gaps_is_refused():
     ):
         sample_spacing_m(site.scenario)
     with pytest.raises(ScenarioError, match="sample_spacing_m: 10 m"):
-        CoverageMap(site, cell_size_m=1.0).seen(np.array([[0.0, 5.0, 20.0], [10.0, 5.0, 20.0]]))
+        CoverageMap(site, cell_size_m=1.0).observed(np.array([[0.0, 5.0, 20.0], [10.0, 5.0, 20.0]]))
     assert sample_spacing_m(site_of(SENSORS["disc of 1.5 m"] + "\nsample_spacing_m = 1.5").scenario) == 1.5
 
 
@@ -109,10 +109,10 @@ def test_wide_footprints_and_bundled_scenarios_are_sampled_as_before():
 
 
 def test_pictures_by_distance_need_no_spacing():
-    picture = (
+    photo = (
         'kind = "frame-camera"\nfov_across_deg = 40.0\nfov_along_deg = 4.0\nrange_m = 90.0\ntrigger_distance_m = 1.0'
     )
-    site = site_of(picture + "\nsample_spacing_m = 10.0")
+    site = site_of(photo + "\nsample_spacing_m = 10.0")
     assert sample_spacing_m(site.scenario) == 10.0
     assert shapely.area(site.area) > 0.0
 

@@ -29,16 +29,16 @@ def test_every_cell_has_a_place_in_it_and_no_two_rows_the_same():
 def test_a_narrow_strip_holds_its_share_of_the_places_wherever_it_lies(angle_deg):
     turn = np.radians(angle_deg)
     site = make_site(flat, ring=((0.0, 0.0), (600.0, 0.0), (600.0, 600.0), (0.0, 600.0)))
-    shares = {}
+    fractions = {}
     for make in (make_cells, make_scattered_cells):
-        places = make(site, CELL_M).cells.centre_m[:, :2] - 300.0
-        across = (places @ (-np.sin(turn), np.cos(turn)))[np.abs(places @ (np.cos(turn), np.sin(turn))) < 150.0]
+        positions = make(site, CELL_M).cells.centre_m[:, :2] - 300.0
+        across = (positions @ (-np.sin(turn), np.cos(turn)))[np.abs(positions @ (np.cos(turn), np.sin(turn))) < 150.0]
         held = np.array([np.mean(np.abs(across - middle) < 1.5) for middle in np.arange(-80.0, 80.0, 0.5)])
-        shares[make] = held / held.mean()
-    assert shares[make_scattered_cells].min() > 0.35
-    assert shares[make_scattered_cells].max() < 1.8
+        fractions[make] = held / held.mean()
+    assert fractions[make_scattered_cells].min() > 0.35
+    assert fractions[make_scattered_cells].max() < 1.8
     if angle_deg != 20.0:
-        assert shares[make_cells].min() == 0.0
+        assert fractions[make_cells].min() == 0.0
 
 
 def test_scattered_and_regular_cells_tell_much_the_same_of_a_route():
@@ -48,7 +48,7 @@ def test_scattered_and_regular_cells_tell_much_the_same_of_a_route():
         CoverageMap(site, cell_size_m=size, cut=cut)
         for size, cut in ((CELL_M, make_cells), (CELL_M, make_scattered_cells), (1.0, make_cells))
     )
-    truth = fine.share(fine.seen(route))
+    truth = fine.fraction(fine.observed(route))
     assert 0.3 < truth < 0.95
-    assert regular.share(regular.seen(route)) == pytest.approx(truth, abs=0.02)
-    assert scattered.share(scattered.seen(route)) == pytest.approx(truth, abs=0.01)
+    assert regular.fraction(regular.observed(route)) == pytest.approx(truth, abs=0.02)
+    assert scattered.fraction(scattered.observed(route)) == pytest.approx(truth, abs=0.01)

@@ -12,7 +12,7 @@ from tests.naive.file_ground import FileGround, ecef_of, geodetic_of
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class Position:
     """A raster somewhere on Earth; ``turn_deg`` is by how much its rows are turned in its own system."""
 
     name: str
@@ -22,17 +22,17 @@ class Place:
     turn_deg: float = 0.0
 
 
-PLACES = (
-    Place("degrees, equator", 0.02, 36.8, 4326),
-    Place("degrees, 36 N", 36.48, -84.21, 4326),
-    Place("degrees, 60 N", 60.1, 10.3, 4326),
-    Place("degrees, 45 S", -45.2, 169.4, 4326),
-    Place("UTM, central meridian", 47.2, 9.02, 32632),
-    Place("UTM, 2.9 degrees aside", 47.2, 11.9, 32632),
-    Place("UTM, 2.9 degrees aside, turned 3", 47.2, 11.9, 32632, 3.0),
-    Place("UTM, 60 N, turned -3", 60.1, 6.2, 32632, -3.0),
-    Place("UTM south, turned 40", -45.2, 169.4, 32759, 40.0),
-    Place("Lambert azimuthal (Europe)", 63.0, 26.0, 3035),
+POSITIONS = (
+    Position("degrees, equator", 0.02, 36.8, 4326),
+    Position("degrees, 36 N", 36.48, -84.21, 4326),
+    Position("degrees, 60 N", 60.1, 10.3, 4326),
+    Position("degrees, 45 S", -45.2, 169.4, 4326),
+    Position("UTM, central meridian", 47.2, 9.02, 32632),
+    Position("UTM, 2.9 degrees aside", 47.2, 11.9, 32632),
+    Position("UTM, 2.9 degrees aside, turned 3", 47.2, 11.9, 32632, 3.0),
+    Position("UTM, 60 N, turned -3", 60.1, 6.2, 32632, -3.0),
+    Position("UTM south, turned 40", -45.2, 169.4, 32759, 40.0),
+    Position("Lambert azimuthal (Europe)", 63.0, 26.0, 3035),
 )
 
 
@@ -54,8 +54,8 @@ def write_dem(path, rng, *, lat_deg, lon_deg, epsg, pixel_m, size_m, turn_deg=0.
     x, y = to_file.transform(lon_deg, lat_deg)
     # The unit of the system in metres here, along both of its axes.
     lon, lat = to_file.transform([x, x + 1e-5, x], [y, y, y + 1e-5], direction="INVERSE")
-    places = ecef_of(np.array(lat), np.array(lon), np.zeros(3))
-    metres = np.linalg.norm(places[1:] - places[0], axis=1) / 1e-5
+    positions = ecef_of(np.array(lat), np.array(lon), np.zeros(3))
+    metres = np.linalg.norm(positions[1:] - positions[0], axis=1) / 1e-5
     width, height = pixel_m / metres
     c, s = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
     transform = Affine(c * width, s * width, x, s * height, -c * height, y)
@@ -96,11 +96,11 @@ def largest_difference_m(ground, path, rng, *, origin, size_m, count=40_000, mos
         [-math.sin(lat0) * math.cos(lon0), -math.sin(lat0) * math.sin(lon0), math.cos(lat0)],
         [math.cos(lat0) * math.cos(lon0), math.cos(lat0) * math.sin(lon0), math.sin(lat0)],
     ])  # fmt: skip
-    places = np.zeros((count, 3))
-    places[:, :2] = rng.uniform(-0.5 * size_m, 0.5 * size_m, (count, 2))
-    places[:, 2] = ground.heights_m(places[:, :2])
-    places[count // 2 :, 2] += rng.uniform(0.0, most_agl_m, count - count // 2)
-    lat, lon, alt = geodetic_of(ecef_of(*origin) + places @ axes)
+    positions = np.zeros((count, 3))
+    positions[:, :2] = rng.uniform(-0.5 * size_m, 0.5 * size_m, (count, 2))
+    positions[:, 2] = ground.heights_m(positions[:, :2])
+    positions[count // 2 :, 2] += rng.uniform(0.0, most_agl_m, count - count // 2)
+    lat, lon, alt = geodetic_of(ecef_of(*origin) + positions @ axes)
     truth = alt - FileGround(path).height_m(lat, lon)
     assert np.isfinite(truth).all()
-    return float(np.abs(ground.heights_agl_m(places) - truth).max())
+    return float(np.abs(ground.heights_agl_m(positions) - truth).max())

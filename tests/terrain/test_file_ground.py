@@ -8,7 +8,7 @@ import rasterio
 from rasterio.transform import Affine
 
 from tests.naive.file_ground import FileGround, ecef_of, geodetic_of
-from tests.terrain.dem_files import PLACES, largest_difference_m, write_dem
+from tests.terrain.dem_files import POSITIONS, largest_difference_m, write_dem
 from uavcover.errors import ScenarioError, TerrainError
 from uavcover.kernels.grid import square_frame, steepest_of_finite
 from uavcover.kernels.surface import GRID, Surface, height_above, up_above
@@ -21,29 +21,29 @@ from uavcover.terrain.terrain_source import FILES
 ALT_M = 550.0
 
 
-def ground_of(path, place, size_m, step_m=None):
+def ground_of(path, position, size_m, step_m=None):
     half = 0.5 * size_m
-    frame = LocalFrame(place.lat_deg, place.lon_deg, ALT_M)
+    frame = LocalFrame(position.lat_deg, position.lon_deg, ALT_M)
     return read_ground(path, "EGM96", frame=frame, bounds_m=(-half, -half, half, half), grid_step_m=step_m)
 
 
 CASES = [
-    (place, pixel_m, size_m)
-    for place in PLACES
+    (position, pixel_m, size_m)
+    for position in POSITIONS
     for pixel_m, size_m in ((1.0, 1000.0), (5.0, 2500.0), (10.0, 5000.0), (30.0, 5000.0))
 ]
 
 
-@pytest.mark.parametrize(("place", "pixel_m", "size_m"), CASES, ids=lambda value: str(getattr(value, "name", value)))
-def test_heights_are_those_of_the_file(tmp_path, place, pixel_m, size_m):
+@pytest.mark.parametrize(("position", "pixel_m", "size_m"), CASES, ids=lambda value: str(getattr(value, "name", value)))
+def test_heights_are_those_of_the_file(tmp_path, position, pixel_m, size_m):
     rng = np.random.default_rng(int(1000 * pixel_m + size_m))
     path = write_dem(
-        tmp_path / "dem.tif", rng, lat_deg=place.lat_deg, lon_deg=place.lon_deg, epsg=place.epsg, pixel_m=pixel_m,
-        size_m=size_m, turn_deg=place.turn_deg,
+        tmp_path / "dem.tif", rng, lat_deg=position.lat_deg, lon_deg=position.lon_deg, epsg=position.epsg, pixel_m=pixel_m,
+        size_m=size_m, turn_deg=position.turn_deg,
     )  # fmt: skip
-    ground = ground_of(path, place, size_m)
+    ground = ground_of(path, position, size_m)
     assert steepest_of_finite(ground.surface.up_m, ground.surface.grid) > 0.9
-    origin = (place.lat_deg, place.lon_deg, ALT_M)
+    origin = (position.lat_deg, position.lon_deg, ALT_M)
     found = largest_difference_m(ground, path, rng, origin=origin, size_m=size_m, count=10_000)
     assert found < 0.02
     # What was measured at load is no less than a third of what is found here, and promises no more than it may.
@@ -55,12 +55,12 @@ def test_heights_are_those_of_the_file(tmp_path, place, pixel_m, size_m):
 def test_legs_cut_into_pieces_have_the_heights_of_whole_ones(tmp_path, seed):
     """A leg's range against dense sampling of the true line, and against that of its parts."""
     rng = np.random.default_rng(seed)
-    place = PLACES[3 * seed]
+    position = POSITIONS[3 * seed]
     path = write_dem(
-        tmp_path / "dem.tif", rng, lat_deg=place.lat_deg, lon_deg=place.lon_deg, epsg=place.epsg, pixel_m=30.0,
-        size_m=4000.0, turn_deg=place.turn_deg,
+        tmp_path / "dem.tif", rng, lat_deg=position.lat_deg, lon_deg=position.lon_deg, epsg=position.epsg, pixel_m=30.0,
+        size_m=4000.0, turn_deg=position.turn_deg,
     )  # fmt: skip
-    ground = ground_of(path, place, 4000.0)
+    ground = ground_of(path, position, 4000.0)
     surface = ground.surface
     assert 50.0 < surface.grid.piece_m < 2000.0
     for _ in range(25):
@@ -73,8 +73,8 @@ def test_legs_cut_into_pieces_have_the_heights_of_whole_ones(tmp_path, seed):
         assert -PIXELS.straight_within_m - between <= low - above.min() <= PIXELS.straight_within_m
         assert -PIXELS.straight_within_m <= high - above.max() <= PIXELS.straight_within_m + between
         for value, at in ((low, low_at), (high, high_at)):
-            place_m = ends[0] + at * (ends[1] - ends[0])
-            assert height_above(surface, *place_m) == pytest.approx(value, abs=2.0 * PIXELS.straight_within_m)
+            position_m = ends[0] + at * (ends[1] - ends[0])
+            assert height_above(surface, *position_m) == pytest.approx(value, abs=2.0 * PIXELS.straight_within_m)
         cuts = np.sort(rng.random(3))
         parts = ground.leg_height_ranges_m(
             ends[0] + np.concatenate([[0.0], cuts, [1.0]])[:, None] * (ends[1] - ends[0])
@@ -88,15 +88,15 @@ def test_legs_cut_into_pieces_have_the_heights_of_whole_ones(tmp_path, seed):
 def test_heights_above_ground_and_up_coordinates_are_each_others_inverse():
     ground = load_site("ridge-25km2").ground
     rng = np.random.default_rng(4)
-    places = rng.uniform(-2500.0, 2500.0, (500, 2))
+    positions = rng.uniform(-2500.0, 2500.0, (500, 2))
     agl = rng.uniform(0.0, 300.0, 500)
-    ups = ground.ups_m(places, agl)
-    np.testing.assert_allclose(ground.heights_agl_m(np.column_stack([places, ups])), agl, atol=1e-7)
-    np.testing.assert_array_equal(ground.ups_m(places, 0.0), ground.heights_m(places))
+    ups = ground.ups_m(positions, agl)
+    np.testing.assert_allclose(ground.heights_agl_m(np.column_stack([positions, ups])), agl, atol=1e-7)
+    np.testing.assert_array_equal(ground.ups_m(positions, 0.0), ground.heights_m(positions))
     # Plumb lines lean: straight above the ground, the height above it is not quite the climb.
-    off = np.abs(ups - ground.heights_m(places) - agl)
+    off = np.abs(ups - ground.heights_m(positions) - agl)
     assert 0.005 < off.max() < 0.2
-    for (e, n), a in zip(places[:20], agl, strict=False):
+    for (e, n), a in zip(positions[:20], agl, strict=False):
         # By halving instead of by rounds.
         low, high = -500.0, 1500.0
         for _ in range(70):
@@ -108,13 +108,13 @@ def test_heights_above_ground_and_up_coordinates_are_each_others_inverse():
 def test_gradients_are_those_of_the_heights():
     ground = load_site("jacksboro").ground
     rng = np.random.default_rng(5)
-    places = rng.uniform([-900.0, 50.0], [50.0, 900.0], (200, 2))
+    positions = rng.uniform([-900.0, 50.0], [50.0, 900.0], (200, 2))
     h = 1e-3
     numeric = np.column_stack([
-        (ground.heights_m(places + shift) - ground.heights_m(places - shift)) / (2.0 * h)
+        (ground.heights_m(positions + shift) - ground.heights_m(positions - shift)) / (2.0 * h)
         for shift in (np.array([h, 0.0]), np.array([0.0, h]))
     ])  # fmt: skip
-    found = ground.gradients(places)
+    found = ground.gradients(positions)
     # But for a place whose two neighbours lie in two cells.
     assert np.median(np.abs(found - numeric)) < 1e-6
     assert (np.abs(found - numeric).max(axis=1) < 1e-4).mean() > 0.98
@@ -127,15 +127,15 @@ def test_the_bundled_scenarios_stand_on_the_bundled_file(name):
     assert 0.0 < site.ground.error_m < 0.005
     west, south, east, north = site.fence.bounds
     rng = np.random.default_rng(6)
-    places = np.column_stack(
+    positions = np.column_stack(
         [rng.uniform(west, east, 20_000), rng.uniform(south, north, 20_000), rng.uniform(200, 900, 20_000)]
     )
-    lat, lon, alt = site.frame.geodetic_from_enu(places)
+    lat, lon, alt = site.frame.geodetic_from_enu(positions)
     np.testing.assert_allclose(
         np.column_stack(geodetic_of(ecef_of(lat, lon, alt))), np.column_stack([lat, lon, alt]), atol=1e-7
     )
     truth = alt - FileGround(terrain_source(load_scenario(name).terrain).files[0]).height_m(lat, lon)
-    np.testing.assert_allclose(site.ground.heights_agl_m(places), truth, atol=0.005)
+    np.testing.assert_allclose(site.ground.heights_agl_m(positions), truth, atol=0.005)
 
 
 def test_a_square_grid_is_measured_too_and_refused_where_the_margin_does_not_hold_it(tmp_path):
@@ -178,8 +178,8 @@ def test_a_file_across_the_antimeridian(tmp_path, lon_deg):
         tmp_path / "dem.tif", "EGM96", frame=frame, bounds_m=(-1500, -1500, 1500, 1500), grid_step_m=None
     )
     assert ground.error_m < 0.01
-    (place,) = frame.enu_from_geodetic(-16.97 - 0.0305, 179.97 + 0.0305 - 360.0, float(values[30, 30]))
-    assert ground.heights_m(place[:2])[0] == pytest.approx(place[2], abs=0.01)
+    (position,) = frame.enu_from_geodetic(-16.97 - 0.0305, 179.97 + 0.0305 - 360.0, float(values[30, 30]))
+    assert ground.heights_m(position[:2])[0] == pytest.approx(position[2], abs=0.01)
 
 
 def test_a_raster_that_cannot_be_followed_is_refused(tmp_path):

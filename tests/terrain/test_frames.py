@@ -135,7 +135,9 @@ def test_one_place_alone_and_among_others_is_the_same_to_the_bit():
     for k, value in enumerate([math.nan, math.inf, -math.inf, 91.0, -0.0]):
         lat[k] = lon[10 + k] = alt[20 + k] = value
     together = frame.enu_from_geodetic(lat, lon, alt)
-    alone = [frame.enu_from_geodetic(*place) for place in zip(lat.tolist(), lon.tolist(), alt.tolist(), strict=True)]
+    alone = [
+        frame.enu_from_geodetic(*position) for position in zip(lat.tolist(), lon.tolist(), alt.tolist(), strict=True)
+    ]
     assert np.vstack(alone).tobytes() == together.tobytes()
-    back = np.hstack([frame.geodetic_from_enu(place) for place in together])
+    back = np.hstack([frame.geodetic_from_enu(position) for position in together])
     assert back.tobytes() == np.array(frame.geodetic_from_enu(together)).tobytes()

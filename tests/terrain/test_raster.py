@@ -155,8 +155,8 @@ def test_the_nodes_are_the_pixels_of_the_file(tmp_path, layout):
         for row, column in ((12, 17), (14, 21), (16, 16)):
             x, y = dataset.xy(row, column)
             lon, lat = transform(dataset.crs, "EPSG:4326", [x], [y])
-            (place,) = FRAME.enu_from_geodetic(lat[0], lon[0], float(values[row, column]))
-            assert ground.heights_m(place[:2])[0] == pytest.approx(place[2], abs=0.01)
+            (position,) = FRAME.enu_from_geodetic(lat[0], lon[0], float(values[row, column]))
+            assert ground.heights_m(position[:2])[0] == pytest.approx(position[2], abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -259,9 +259,9 @@ def test_a_sea_level_in_feet_is_read_in_metres(tmp_path):
         '<VRTRasterBand dataType="Float32" band="1"><SimpleSource><SourceFilename relativeToVRT="1">dem.tif'
         "</SourceFilename></SimpleSource></VRTRasterBand></VRTDataset>"
     )
-    place = {"lat_deg": LAT, "lon_deg": LON}
-    metres = read_height_amsl_m(tmp_path / "dem.tif", "EGM96", **place)
-    assert read_height_amsl_m(path, "EGM96", **place) == pytest.approx(0.3048 * metres)
+    position = {"lat_deg": LAT, "lon_deg": LON}
+    metres = read_height_amsl_m(tmp_path / "dem.tif", "EGM96", **position)
+    assert read_height_amsl_m(path, "EGM96", **position) == pytest.approx(0.3048 * metres)
 
 
 def test_the_sea_level_of_the_scenario_is_that_of_the_file(tmp_path):

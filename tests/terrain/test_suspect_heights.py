@@ -14,7 +14,7 @@ from uavcover.model.area import RasterTerrain
 from uavcover.scenario.scenario_file import bundled_scenarios, load_scenario, terrain_source
 from uavcover.scenario.site import load_site
 from uavcover.terrain.ground import touching
-from uavcover.terrain.suspect_heights import _rough_alone, suspect_pixels, suspect_places
+from uavcover.terrain.suspect_heights import _rough_alone, suspect_pixels, suspect_positions
 
 SIZE, PIXEL_M = 300, 10.0
 ROWS, COLUMNS = np.mgrid[0:SIZE, 0:SIZE]
@@ -92,7 +92,7 @@ def test_each_fault_is_found_and_nothing_beside_it(fault, seed):
     assert kinds == {FAULTS[fault]}
     marked = np.zeros(whole.shape, dtype=bool)
     for one in suspect_pixels(faulty, (PIXEL_M, PIXEL_M)):
-        marked[one.places] |= one.mask
+        marked[one.positions] |= one.mask
     if FAULTS[fault] == "step":
         return
     changed = faulty != whole if fault is not mean_void else faulty == faulty.max()
@@ -196,7 +196,7 @@ def test_no_bundled_scenario_has_a_suspect_place(name):
     west, south, east, north = site.fence.bounds
     lat, lon, _ = site.frame.geodetic_from_enu([[west, south, 0.0], [east, north, 0.0]])
     around = (lon[0], lat[0], lon[1], lat[1])
-    assert suspect_places(terrain_source(scenario.terrain), scenario.terrain.vertical_datum, around) == ()
+    assert suspect_positions(terrain_source(scenario.terrain), scenario.terrain.vertical_datum, around) == ()
 
 
 def test_a_place_is_where_the_file_has_it(tmp_path):
@@ -208,12 +208,12 @@ def test_a_place_is_where_the_file_has_it(tmp_path):
         transform=Affine(1e-4, 0.0, 8.0, 0.0, -1e-4, 46.03),
     ) as file:  # fmt: skip
         file.write(heights.astype(np.float32), 1)
-    (place,) = suspect_places(path, "EGM96", (8.0, 46.0, 8.03, 46.03))
+    (position,) = suspect_positions(path, "EGM96", (8.0, 46.0, 8.03, 46.03))
     block = shapely.box(8.0200, 46.0160, 8.0260, 46.0200)
-    assert place.shape.covers(block)
-    assert place.shape.area < 1.3 * block.area
-    assert "exactly 0 m whose rim is at" in place.words
-    assert suspect_places(path, "EGM96", (8.0, 46.0, 8.01, 46.01)) == ()
+    assert position.shape.covers(block)
+    assert position.shape.area < 1.3 * block.area
+    assert "exactly 0 m whose rim is at" in position.words
+    assert suspect_positions(path, "EGM96", (8.0, 46.0, 8.01, 46.01)) == ()
 
 
 @pytest.mark.parametrize("by_m", [-300.0, -120.0, 120.0, 300.0])
@@ -253,11 +253,11 @@ def test_lone_pixels_are_those_of_the_slow_twin(seed: int) -> None:
     assert np.array_equal(_rough_alone(heights_m, (90.0, 90.0)), expected)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.05, 0.3, 0.5, 0.8, 1.0])
-def test_groups_that_touch_are_numbered_as_scipy_does(share: float) -> None:
+@pytest.mark.parametrize("fraction", [0.0, 0.05, 0.3, 0.5, 0.8, 1.0])
+def test_groups_that_touch_are_numbered_as_scipy_does(fraction: float) -> None:
     rng = np.random.default_rng(5)
     for rows, columns in ((1, 1), (1, 30), (30, 1), (13, 17), (40, 50)):
-        mask = rng.random((rows, columns)) < share
+        mask = rng.random((rows, columns)) < fraction
         numbers, count = touching(mask)
         expected, expected_count = ndimage.label(mask, structure=np.ones((3, 3)))
         assert count == expected_count

@@ -62,8 +62,8 @@ def ground_of(source):
 
 
 def same_ground(one, other):
-    places = np.random.default_rng(1).uniform(-390.0, 390.0, (4000, 2))
-    return np.allclose(one.heights_m(places), other.heights_m(places), atol=1e-6, rtol=0.0)
+    positions = np.random.default_rng(1).uniform(-390.0, 390.0, (4000, 2))
+    return np.allclose(one.heights_m(positions), other.heights_m(positions), atol=1e-6, rtol=0.0)
 
 
 @pytest.mark.parametrize("overlap", [0, 1, 7])
@@ -143,20 +143,20 @@ def test_heights_in_feet_by_their_unit(whole, tmp_path, unit, metres):
 def test_heights_in_a_system_of_feet_are_asked_about(tmp_path):
     """EPSG:2274 is Tennessee in US survey feet; a file that does not name the unit of its heights is a question."""
     path = dem(tmp_path / "dem.tif", 36.48, -84.22, 2274, size_m=900.0)
-    place = {"lat_deg": 36.48, "lon_deg": -84.22}
+    position = {"lat_deg": 36.48, "lon_deg": -84.22}
     with pytest.raises(
         TerrainError, match=r"is in feet, but the file does not state the unit of its heights; set terrain\.height_unit"
     ):
-        read_height_amsl_m(path, "EGM96", **place)
+        read_height_amsl_m(path, "EGM96", **position)
     metres, feet = (
-        read_height_amsl_m(TerrainSource((path,), height_unit=unit), "EGM96", **place) for unit in ("m", "us-ft")
+        read_height_amsl_m(TerrainSource((path,), height_unit=unit), "EGM96", **position) for unit in ("m", "us-ft")
     )
     assert feet == pytest.approx(metres * 1200.0 / 3937.0)
     with rasterio.open(path, "r+") as file:
         file.units = ("m",)
-    assert read_height_amsl_m(path, "EGM96", **place) == pytest.approx(metres)
+    assert read_height_amsl_m(path, "EGM96", **position) == pytest.approx(metres)
     with pytest.raises(TerrainError, match=r"the file states that its heights are in m; remove terrain\.height_unit"):
-        read_height_amsl_m(TerrainSource((path,), height_unit="ft"), "EGM96", **place)
+        read_height_amsl_m(TerrainSource((path,), height_unit="ft"), "EGM96", **position)
 
 
 @pytest.mark.parametrize("packed", ["zip", "gz"])
@@ -290,7 +290,7 @@ def test_heights_in_centimetres(whole, tmp_path):
         out.write((values * 100.0).round().astype("uint32"), 1)
     with pytest.raises(TerrainError, match=r"feet or centimetres, set terrain\.height_unit \(--height-unit\)"):
         ground_of(path)
-    places = np.random.default_rng(1).uniform(-390.0, 390.0, (4000, 2))
-    in_cm = ground_of(TerrainSource((path,), height_unit="cm")).heights_m(places)
-    difference = np.abs(in_cm - ground_of(whole).heights_m(places))
+    positions = np.random.default_rng(1).uniform(-390.0, 390.0, (4000, 2))
+    in_cm = ground_of(TerrainSource((path,), height_unit="cm")).heights_m(positions)
+    difference = np.abs(in_cm - ground_of(whole).heights_m(positions))
     assert difference.max() <= 0.00501

@@ -67,12 +67,14 @@ class TwinCamera(FrameCamera):
 
     def in_view(self, rays: Rays) -> np.ndarray:
         """Whether either camera has a place in its photo."""
-        one, seen = FrameCamera.sight.fget(self), np.zeros(rays.depth.shape, dtype=bool)
+        one, observed = FrameCamera.sight.fget(self), np.zeros(rays.depth.shape, dtype=bool)
         for turn in (math.radians(self.tilt_deg), -math.radians(self.tilt_deg)):
             depth = math.cos(turn) * rays.depth + math.sin(turn) * rays.across
             across = math.cos(turn) * rays.across - math.sin(turn) * rays.depth
-            seen |= (np.abs(across) <= depth * one.tan_half_fov) & (np.abs(rays.along) <= depth * one.tan_half_along)
-        return seen & (rays.distance2 <= self.range_m**2)
+            observed |= (np.abs(across) <= depth * one.tan_half_fov) & (
+                np.abs(rays.along) <= depth * one.tan_half_along
+            )
+        return observed & (rays.distance2 <= self.range_m**2)
 
 
 def read_xyzt(path: Path) -> LoggedRows:

@@ -117,11 +117,11 @@ def test_a_sensor_with_a_view_of_its_own_plans_flies_and_is_verified_by_it(run_w
 def test_twin_cameras_see_to_both_sides_and_not_the_middle():
     twin = TwinCamera(kind="twin-camera", tilt_deg=30.0, fov_across_deg=40.0, fov_along_deg=40.0, range_m=200.0)
     coverage = CoverageMap(make_site(sensor=twin, cell_m=2.0), cell_size_m=2.0)
-    seen = coverage.seen(np.array([[0.0, 100.0, 80.0], [300.0, 100.0, 80.0]]))
+    observed = coverage.observed(np.array([[0.0, 100.0, 80.0], [300.0, 100.0, 80.0]]))
     middle = np.abs(coverage.grid.middles_m[:, 0] - 150.0) < 20.0
     off_deg = np.degrees(np.arctan2(np.abs(coverage.grid.middles_m[:, 1] - 100.0), 80.0))
-    assert seen[middle & (off_deg > 11.0) & (off_deg < 49.0)].all()
-    assert not seen[(off_deg < 9.0) | (off_deg > 51.0)].any()
+    assert observed[middle & (off_deg > 11.0) & (off_deg < 49.0)].all()
+    assert not observed[(off_deg < 9.0) | (off_deg > 51.0)].any()
 
 
 @pytest.mark.parametrize(

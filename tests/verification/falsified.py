@@ -199,7 +199,7 @@ MOTION: tuple[Falsify, ...] = (
     latitude_of_another_time, the_plan_itself,
 )  # fmt: skip
 UNOBSERVED: tuple[Falsify, ...] = (thinned, with_a_hole, with_many_holes, begun_in_the_air, ended_in_the_air)
-PLACES: tuple[Falsify, ...] = (
+POSITIONS: tuple[Falsify, ...] = (
     moved_away, mirrored, other_height_datum, reversed_in_time, numbers_shifted, numbers_too_high, twice_around,
 )  # fmt: skip
 

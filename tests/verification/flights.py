@@ -109,8 +109,8 @@ class Flight:
         layout = regular_layout(angle_rad=0.0, lines=3, height_agl_m=80.0, inset=0.0, tolerance_m=10.0)
         route = fly_layout(site, layout) if route is None else route
         compiled = compile_mission(site, route, autopilot="ardupilot")
-        self.seen = self.coverage.seen(route.waypoints_m)
-        self.planned = PlannedRoute(route.waypoints_m, self.coverage.share(self.seen))
+        self.observed = self.coverage.observed(route.waypoints_m)
+        self.planned = PlannedRoute(route.waypoints_m, self.coverage.fraction(self.observed))
         assert site.home_m is not None
         path = np.vstack([site.home_m, compiled.path_m, site.home_m])
         self.track = fly_along(site, path, first=compiled.first_waypoint_item, count=len(route))

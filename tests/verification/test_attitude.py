@@ -23,8 +23,8 @@ def with_attitude(track, roll=0.001, pitch=0.0, yaw=0.0):
     return changed(track, attitude_deg=np.tile([roll, pitch, yaw], (len(track), 1)))
 
 
-def middle_north(coverage, seen):
-    return float(coverage.grid.cells.centre_m[seen, 1].mean())
+def middle_north(coverage, observed):
+    return float(coverage.grid.cells.centre_m[observed, 1].mean())
 
 
 def test_axes_are_those_of_scipys_rotations():
@@ -55,7 +55,7 @@ def test_a_track_rolled_by_30_degrees_covers_other_cells():
     coverage = CoverageMap(site, cell_size_m=5.0)
     level = with_attitude(fly_along(site, PATH), yaw=90.0)
     rolled = with_attitude(level, roll=30.0, yaw=90.0)
-    straight, slanted = (flown_coverage(coverage, track, None).seen for track in (level, rolled))
+    straight, slanted = (flown_coverage(coverage, track, None).observed for track in (level, rolled))
     assert middle_north(coverage, straight) == pytest.approx(100.0, abs=1.0)
     # 80 m above ground the axis meets it 80 tan(30) = 46 m to the left of the track, which is north.
     assert middle_north(coverage, slanted) > 130.0
@@ -75,7 +75,7 @@ def test_a_gimbal_and_a_sphere_see_the_same_whatever_the_attitude():
         level = fly_along(site, PATH)
         rolled = with_attitude(level, roll=30.0)
         np.testing.assert_array_equal(
-            flown_coverage(coverage, level, None).seen, flown_coverage(coverage, rolled, None).seen
+            flown_coverage(coverage, level, None).observed, flown_coverage(coverage, rolled, None).observed
         )
         assert verify_track(site, coverage, with_attitude(level, roll=math.nan), None).unknown_attitude_looks == 0
 
@@ -100,10 +100,10 @@ def test_between_two_samples_the_attitude_turns_the_short_way():
     track = track_of(site, points, time_s=np.array([0.0, 2.0]), current_waypoint=np.array([1, 1]))
     track = changed(track, attitude_deg=np.array([[30.0, 0.0, 350.0], [30.0, 0.0, 10.0]]))
     coverage = CoverageMap(site, cell_size_m=10.0)
-    seen = flown_coverage(coverage, track, None).seen
+    observed = flown_coverage(coverage, track, None).observed
     # Heading north all the time: rolled right it looks west, never east.
-    assert coverage.grid.cells.centre_m[seen, 0].max() < 150.0
-    assert coverage.grid.cells.centre_m[seen, 0].min() < 20.0
+    assert coverage.grid.cells.centre_m[observed, 0].max() < 150.0
+    assert coverage.grid.cells.centre_m[observed, 0].min() < 20.0
 
 
 def test_while_the_nose_turns_a_camera_is_looked_through_between_two_samples_too():
@@ -111,16 +111,18 @@ def test_while_the_nose_turns_a_camera_is_looked_through_between_two_samples_too
     site = make_site(sensor=FrameCamera(
         kind="frame-camera", fov_across_deg=50.0, fov_along_deg=40.0, range_m=250.0, pitch_deg=-50.0, mount="stabilised"
     ))  # fmt: skip
-    shares, yaw_deg = np.linspace(0.0, 1.0, 41), 50.0
+    fractions, yaw_deg = np.linspace(0.0, 1.0, 41), 50.0
 
-    def seen(shares):
-        points = np.column_stack([100.0 + 2.0 * shares, np.full(len(shares), 100.0), np.full(len(shares), 80.0)])
-        track = track_of(site, points, time_s=4.0 * shares, current_waypoint=np.ones(len(shares), dtype=int))
-        attitude = np.column_stack([0.0 * shares, 0.0 * shares, (yaw_deg + 80.0 * shares) % 360.0])
+    def observed(fractions):
+        points = np.column_stack(
+            [100.0 + 2.0 * fractions, np.full(len(fractions), 100.0), np.full(len(fractions), 80.0)]
+        )
+        track = track_of(site, points, time_s=4.0 * fractions, current_waypoint=np.ones(len(fractions), dtype=int))
+        attitude = np.column_stack([0.0 * fractions, 0.0 * fractions, (yaw_deg + 80.0 * fractions) % 360.0])
         coverage = CoverageMap(site, cell_size_m=2.0)
-        return flown_coverage(coverage, changed(track, attitude_deg=attitude), None).seen
+        return flown_coverage(coverage, changed(track, attitude_deg=attitude), None).observed
 
-    every_two, few = seen(shares), seen(shares[::8])
+    every_two, few = observed(fractions), observed(fractions[::8])
     assert np.array_equal(every_two, few)
     assert every_two.sum() > 100
 
@@ -307,16 +309,16 @@ def test_one_that_never_leans_though_the_vehicle_accelerates() -> None:
     leaning = measured(0.0)
     leaning[:, 2] = np.degrees(course) % 360.0
     for lean_deg, known_there in ((28.0, True), (11.0, True), (8.5, False), (-8.5, False)):
-        told = leaning.copy()
-        told[:, 0] += np.where(TIME_S % 15.0 > 12.0, lean_deg, 0.0)
-        attitude, problems = known(told, enu_m=enu)
+        reported = leaning.copy()
+        reported[:, 0] += np.where(TIME_S % 15.0 > 12.0, lean_deg, 0.0)
+        attitude, problems = known(reported, enu_m=enu)
         assert np.isfinite(attitude[:, :2]).all() == known_there
         assert np.isfinite(attitude[:, 2]).all()
         if known_there:
             assert problems == []
         else:
             (problem,) = problems
-            most = float(np.abs(told[:, :2]).max())
+            most = float(np.abs(reported[:, :2]).max())
             assert problem == (
                 f"roll and pitch never exceed {most:.1f} degrees, although the vehicle accelerates by 5.1 m/s2"
             )

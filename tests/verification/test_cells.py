@@ -13,7 +13,7 @@ from uavcover.model.scenario import Uncertainty
 from uavcover.model.sensor import NadirCamera, SphereSensor
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.verification.flown_coverage import FlownCoverage, seen_by_any
+from uavcover.verification.flown_coverage import FlownCoverage, observed_by_any
 from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.verify import FlownTrack, Verdict, verify_flight, verify_track
 
@@ -46,7 +46,7 @@ def test_looks_ground_sample_and_incidence_of_cells_below_and_beside_the_track()
     assert flown.incidence_deg[beside] == pytest.approx(math.degrees(math.atan2(45.0, 80.0)), abs=0.1)
     cells = verdict.report.cells
     assert cells.ground_sample_median_m == pytest.approx(80.0 / focal_px)
-    assert (cells.count, cells.seen) == (600, int(flown.seen.sum()))
+    assert (cells.count, cells.seen) == (600, int(flown.observed.sum()))
     assert cells.looks_max == 1
     assert cells.seen_twice_fraction == 0.0
 
@@ -67,20 +67,20 @@ def test_without_pixels_no_ground_sample_distance_is_told() -> None:
 def test_coverage_by_time_grows_to_the_coverage() -> None:
     report = verdict_on(make_site(flat), LINE).report
     times = [moment.time_s for moment in report.coverage_by_time]
-    shares = [moment.coverage_fraction for moment in report.coverage_by_time]
+    fractions = [moment.coverage_fraction for moment in report.coverage_by_time]
     assert times[0] == 100.2  # the first sample belongs to the way to the first waypoint
     assert times[-1] == pytest.approx(130.0)
-    assert shares == sorted(shares)
-    assert 0.0 < shares[0] < shares[100] < shares[-1] == pytest.approx(report.coverage_fraction, abs=1e-12)
+    assert fractions == sorted(fractions)
+    assert 0.0 < fractions[0] < fractions[100] < fractions[-1] == pytest.approx(report.coverage_fraction, abs=1e-12)
     # Half the way shows half of the ground and half a footprint ahead.
-    assert shares[100] == pytest.approx(report.coverage_fraction * (150.0 + 50.0) / 300.0, abs=0.05)
+    assert fractions[100] == pytest.approx(report.coverage_fraction * (150.0 + 50.0) / 300.0, abs=0.05)
 
 
 def test_coverage_by_time_begins_at_nothing_where_nothing_is_seen_yet() -> None:
     report = verdict_on(make_site(flat), np.array([[-300.0, 100.0, 80.0], [300.0, 100.0, 80.0]])).report
-    shares = [moment.coverage_fraction for moment in report.coverage_by_time]
-    assert shares[0] == shares[50] == 0.0
-    assert shares[-1] == pytest.approx(report.coverage_fraction, abs=1e-12)
+    fractions = [moment.coverage_fraction for moment in report.coverage_by_time]
+    assert fractions[0] == fractions[50] == 0.0
+    assert fractions[-1] == pytest.approx(report.coverage_fraction, abs=1e-12)
 
 
 def test_coverage_by_time_of_a_single_look_is_one_moment_and_of_none_none() -> None:
@@ -111,9 +111,9 @@ def test_a_gap_called_occluded_is_seen_when_the_occluder_is_taken_away() -> None
     path = np.array([[115.0, -100.0, 80.0], [115.0, 300.0, 80.0]])
     with_wall, without = verdict_on(wall(70.0), path), verdict_on(wall(0.0), path)
     behind = at(with_wall, 165.0, 105.0)
-    assert not with_wall.flown.seen[behind]
+    assert not with_wall.flown.observed[behind]
     assert reasons_at(with_wall, 165.0, 105.0) == ("occluded", True)
-    assert without.flown.seen[behind]
+    assert without.flown.observed[behind]
     occluded = [gap for gap in with_wall.report.gaps if gap.reason == "occluded"]
     assert occluded
     assert not [gap for gap in without.report.gaps if gap.reason == "occluded"]
@@ -179,7 +179,7 @@ def test_position_errors_also_blur_what_stands_behind_a_hill() -> None:
     blurred = verdict_on(unsure, path, cell_m=5.0)
     behind = blurred.coverage.grid.cells.centre_m[:, 0] > 152.0
     assert (exact.flown.outcome[behind] == OCCLUDED).sum() > 10
-    assert (blurred.flown.possibly_seen & behind).sum() > (exact.flown.seen & behind).sum()
+    assert (blurred.flown.possible_cells & behind).sum() > (exact.flown.observed & behind).sum()
 
 
 # Speed
@@ -281,40 +281,40 @@ def test_an_empty_route_in_one_of_the_tracks_changes_nothing_of_the_other() -> N
     alone = verify_flight(site, coverage, [FlownTrack(track)])
     for order in ([FlownTrack(never), FlownTrack(track)], [FlownTrack(track), FlownTrack(never)]):
         both = verify_flight(site, coverage, order)
-        np.testing.assert_array_equal(both.flown.seen, alone.flown.seen)
+        np.testing.assert_array_equal(both.flown.observed, alone.flown.observed)
 
 
 NAN = np.nan
 
 
-def of(seen: list[bool], first_s: list[float], **changes: list[float]) -> FlownCoverage:
-    mask = np.array(seen)
+def of(observed: list[bool], first_s: list[float], **changes: list[float]) -> FlownCoverage:
+    mask = np.array(observed)
     values = {
-        "surely_seen": [False] * 4, "possibly_seen": seen, "possibly_by_attitude": [False] * 4, "passes": [0] * 4,
+        "certain_cells": [False] * 4, "possible_cells": observed, "possible_by_attitude": [False] * 4, "passes": [0] * 4,
         "nearest_m": first_s, "ground_sample_m": [NAN] * 4, "incidence_deg": [NAN] * 4, "outcome": [0] * 4, **changes,
     }  # fmt: skip
     return FlownCoverage(
-        seen=mask, first_seen_s=np.array(first_s), **{name: np.array(value) for name, value in values.items()}
+        observed=mask, first_observed_s=np.array(first_s), **{name: np.array(value) for name, value in values.items()}
     )
 
 
 def test_a_cell_is_as_the_sensor_saw_it_that_saw_it_best() -> None:
     one = of(
-        [True, True, False, False], [5.0, 9.0, NAN, NAN], surely_seen=[True, False, False, False],
-        possibly_by_attitude=[False, False, True, True], passes=[2, 1, 0, 0], ground_sample_m=[0.02, 0.03, NAN, NAN],
+        [True, True, False, False], [5.0, 9.0, NAN, NAN], certain_cells=[True, False, False, False],
+        possible_by_attitude=[False, False, True, True], passes=[2, 1, 0, 0], ground_sample_m=[0.02, 0.03, NAN, NAN],
         incidence_deg=[10.0, 50.0, NAN, NAN], outcome=[4, 4, 1, 3],
     )  # fmt: skip
     other = of(
-        [False, True, True, False], [NAN, 7.0, 8.0, NAN], surely_seen=[False, True, False, False], passes=[0, 3, 1, 0],
+        [False, True, True, False], [NAN, 7.0, 8.0, NAN], certain_cells=[False, True, False, False], passes=[0, 3, 1, 0],
         ground_sample_m=[NAN, 0.05, NAN, NAN], incidence_deg=[NAN, 20.0, 30.0, NAN], outcome=[2, 4, 4, 2],
     )  # fmt: skip
-    both = seen_by_any([one, other])
-    assert both.seen.tolist() == [True, True, True, False]
-    assert both.surely_seen.tolist() == [True, True, False, False]
-    assert both.possibly_by_attitude.tolist() == [False, False, False, True]
-    np.testing.assert_array_equal(both.first_seen_s, [5.0, 7.0, 8.0, NAN])
+    both = observed_by_any([one, other])
+    assert both.observed.tolist() == [True, True, True, False]
+    assert both.certain_cells.tolist() == [True, True, False, False]
+    assert both.possible_by_attitude.tolist() == [False, False, False, True]
+    np.testing.assert_array_equal(both.first_observed_s, [5.0, 7.0, 8.0, NAN])
     np.testing.assert_array_equal(both.passes, [2, 4, 1, 0])
     np.testing.assert_array_equal(both.ground_sample_m, [0.02, 0.03, NAN, NAN])
     np.testing.assert_array_equal(both.incidence_deg, [10.0, 20.0, 30.0, NAN])
     np.testing.assert_array_equal(both.outcome, [4, 4, 4, 3])
-    assert seen_by_any([one]).seen.tolist() == one.seen.tolist()
+    assert observed_by_any([one]).observed.tolist() == one.observed.tolist()

@@ -44,14 +44,14 @@ def test_the_share_of_the_routes_time_that_was_not_observed(flight: Flight) -> N
     on = on_route(flight.track)
     whole_s = float(flight.track.time_s[on[-1]] - flight.track.time_s[on[0]])
     track = without(without(flight.track, int(on[50]), 3.0), int(on[20]), 4.0)
-    share = 7.0 / whole_s
-    for most, verdict in ((share * 1.02, "passed"), (share * 0.98, "not proved")):
+    fraction = 7.0 / whole_s
+    for most, verdict in ((fraction * 1.02, "passed"), (fraction * 0.98, "not proved")):
         report = judged(flight, track, max_unobserved_fraction=most, min_coverage_of_coverable=0.5)
-        assert report.unobserved_route_fraction == pytest.approx(share, rel=1e-3)
+        assert report.unobserved_route_fraction == pytest.approx(fraction, rel=1e-3)
         assert (report.verdict, report.unobserved_s) == (verdict, pytest.approx(7.0))
     (doubt,) = report.doubts
     assert doubt.startswith(
-        f"{100 * share:.1f} % of the time on the route was not observed; the limit is {98 * share:g} %; "
+        f"{100 * fraction:.1f} % of the time on the route was not observed; the limit is {98 * fraction:g} %; "
     )
     assert f"longest of 2 such intervals: 4.0 s, from {track.time_s[on[20]]:.1f} s at " in doubt
 
@@ -67,9 +67,9 @@ def test_a_route_of_a_moment_has_a_share_too_and_no_route_none() -> None:
     site = make_site()
     coverage = CoverageMap(site, cell_size_m=20.0)
     track = fly_along(site, LINE)
-    for numbers, share in ((np.r_[[0] * 50, [1] * 3, [-1] * (len(track) - 53)], 0.0), (np.zeros(len(track)), None)):
-        told = changed(track, current_waypoint=numbers.astype(np.int64))
-        assert verify_track(site, coverage, told, None).unobserved_route_fraction == share
+    for numbers, fraction in ((np.r_[[0] * 50, [1] * 3, [-1] * (len(track) - 53)], 0.0), (np.zeros(len(track)), None)):
+        reported = changed(track, current_waypoint=numbers.astype(np.int64))
+        assert verify_track(site, coverage, reported, None).unobserved_route_fraction == fraction
 
 
 def test_without_ways_there_and_home_nothing_of_them_is_missing() -> None:
@@ -82,19 +82,19 @@ def test_without_ways_there_and_home_nothing_of_them_is_missing() -> None:
 
 def test_of_the_ways_there_and_home_a_fifth_may_be_missing(flight: Flight) -> None:
     track, first = flight.track, int(on_route(flight.track)[0])
-    ways_s = float(track.time_s[-1] - track.time_s[0] - (track.time_s[on_route(track)[-1]] - track.time_s[first]))
-    for share, proved in ((0.18, True), (0.23, False)):
+    transit_s = float(track.time_s[-1] - track.time_s[0] - (track.time_s[on_route(track)[-1]] - track.time_s[first]))
+    for fraction, proved in ((0.18, True), (0.23, False)):
         # In pieces, each of which is short enough.
-        gapped, pieces = track, int(np.ceil(share * ways_s / 4.0))
+        gapped, pieces = track, int(np.ceil(fraction * transit_s / 4.0))
         for piece in range(pieces):
-            gapped = without(gapped, int(on_route(track)[-1]) + 10 + 8 * piece, share * ways_s / pieces)
+            gapped = without(gapped, int(on_route(track)[-1]) + 10 + 8 * piece, fraction * transit_s / pieces)
         report = judged(flight, gapped)
-        ways = [doubt for doubt in report.doubts if "of the outbound and return transits was not observed" in doubt]
-        assert len(ways) == (0 if proved else 1)
+        paths = [doubt for doubt in report.doubts if "of the outbound and return transits was not observed" in doubt]
+        assert len(paths) == (0 if proved else 1)
         if not proved:
-            assert ways[0].startswith(("23 %", "24 %"))
-            assert "of the outbound and return transits was not observed; the limit is 20 %; " in ways[0]
-            assert f"longest of {pieces} such intervals" in ways[0]
+            assert paths[0].startswith(("23 %", "24 %"))
+            assert "of the outbound and return transits was not observed; the limit is 20 %; " in paths[0]
+            assert f"longest of {pieces} such intervals" in paths[0]
 
 
 # Single gaps
@@ -147,18 +147,18 @@ def test_coverage_below_what_is_required_fails_unless_what_was_not_observed_may_
     sensor = SphereSensor(kind="sphere", range_m=110.0, sensing="along-path")
     flight = Flight(make_site(sensor=sensor), Route(LINE))
     whole = judged(flight, flight.track, min_coverage_of_coverable=0.1)
-    share = whole.coverage_of_coverable
-    for wanted, verdict in ((share, "passed"), (share + 0.001, "failed")):
+    fraction = whole.coverage_of_coverable
+    for wanted, verdict in ((fraction, "passed"), (fraction + 0.001, "failed")):
         report = judged(flight, flight.track, min_coverage_of_coverable=wanted)
         assert report.verdict == verdict
-    assert report.reasons[0].startswith(f"coverage {100 * share:.2f} % of the visible ground is below the required")
+    assert report.reasons[0].startswith(f"coverage {100 * fraction:.2f} % of the visible ground is below the required")
     # A share that lacks next to nothing does not read as the one that it lacks.
-    nearly = judged(flight, flight.track, min_coverage_of_coverable=share + 1e-6).reasons[0]
+    nearly = judged(flight, flight.track, min_coverage_of_coverable=fraction + 1e-6).reasons[0]
     assert len(set(re.findall(r"[\d.]+ %", nearly))) == 2
     gapped = without(flight.track, int(on_route(flight.track)[30]), 9.5)
     less = judged(flight, gapped, min_coverage_of_coverable=0.1, max_unobserved_fraction=0.5).coverage_of_coverable
-    assert less < share - 0.01
-    for wanted, verdict in ((0.5 * (less + share), "not proved"), (0.95, "failed")):
+    assert less < fraction - 0.01
+    for wanted, verdict in ((0.5 * (less + fraction), "not proved"), (0.95, "failed")):
         report = judged(flight, gapped, min_coverage_of_coverable=wanted, max_unobserved_fraction=0.5)
         assert report.verdict == verdict
         text = (report.doubts if verdict == "not proved" else report.reasons)[0]
@@ -172,8 +172,8 @@ def test_coverage_below_what_is_required_fails_unless_what_was_not_observed_may_
 
 
 def test_the_requirements_and_limits_that_were_judged_are_named(flight: Flight) -> None:
-    told = judged_requirements(flight.site.scenario)
-    assert told["max_gap_s"] == 2.0
-    assert told["min_height_agl_m"] == 40.0
-    assert told["max_transit_height_agl_m"] == 150.0
-    assert not any(name.startswith("fence_") for name in told)
+    reported = judged_requirements(flight.site.scenario)
+    assert reported["max_gap_s"] == 2.0
+    assert reported["min_height_agl_m"] == 40.0
+    assert reported["max_transit_height_agl_m"] == 150.0
+    assert not any(name.startswith("fence_") for name in reported)

@@ -18,11 +18,11 @@ def with_ranges(
 ) -> Track:
     """The track with the ground below it, as high as the elevation data has it, higher, or lower."""
     assert flight.site.frame is not None
-    places = flight.track.enu_m[:count].copy()
+    positions = flight.track.enu_m[:count].copy()
     rng = np.random.default_rng(7)
-    above = bias_m + noise_m * rng.normal(size=len(places))
-    places[:, 2] = flight.site.ground.ups_m(places[:, :2], above)
-    return dataclasses.replace(flight.track, **{key: np.column_stack(flight.site.frame.geodetic_from_enu(places))})
+    above = bias_m + noise_m * rng.normal(size=len(positions))
+    positions[:, 2] = flight.site.ground.ups_m(positions[:, :2], above)
+    return dataclasses.replace(flight.track, **{key: np.column_stack(flight.site.frame.geodetic_from_enu(positions))})
 
 
 @pytest.mark.parametrize("bias_m", [-7.0, 0.0, 3.5])

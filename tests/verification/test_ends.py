@@ -191,7 +191,7 @@ def test_an_end_high_above_the_other_at_the_same_place_is_in_the_air(
 
 
 @pytest.mark.parametrize(
-    ("way_m", "noise_m", "still"),
+    ("path_m", "noise_m", "still"),
     [
         # In two seconds no more than 2 m aside and 0.6 m up or down, and ten times the noise of the positions.
         ((1.9, 0.0, 0.0), (0.0, 0.0), True),
@@ -206,10 +206,10 @@ def test_an_end_high_above_the_other_at_the_same_place_is_in_the_air(
     ],
 )
 def test_at_rest_it_moves_no_more_than_its_noise(
-    way_m: tuple[float, float, float], noise_m: tuple[float, float], still: bool
+    path_m: tuple[float, float, float], noise_m: tuple[float, float], still: bool
 ) -> None:
     time_s = np.arange(0.0, 20.5, 0.5)
-    enu = np.outer(np.clip(time_s / 2.0, 0.0, 1.0), way_m)
+    enu = np.outer(np.clip(time_s / 2.0, 0.0, 1.0), path_m)
     there, back = track_ends(make_site().scenario, time_s, enu, enu[:, 2], noise_m=noise_m)
     assert (there.still, back.still) == (still, True)
     there, back = track_ends(make_site().scenario, time_s, enu[::-1], enu[::-1, 2], noise_m=noise_m)

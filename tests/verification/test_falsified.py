@@ -29,8 +29,8 @@ class Field:
         layout = regular_layout(angle_rad=0.0, lines=3, height_agl_m=80.0, inset=0.0, tolerance_m=10.0)
         self.route = fly_layout(self.site, layout)
         self.coverage = CoverageMap(self.site, cell_size_m=10.0)
-        share = self.coverage.share(self.coverage.seen(self.route.waypoints_m))
-        self.planned = PlannedRoute(self.route.waypoints_m, share)
+        fraction = self.coverage.fraction(self.coverage.observed(self.route.waypoints_m))
+        self.planned = PlannedRoute(self.route.waypoints_m, fraction)
         self.flights = {
             "calm": flown_by_the_mock(self.site, self.route),
             "windy": flown_by_the_mock(self.site, self.route, Weather(wind_m_s=10.0, gust_m_s=3.0, gps_m=0.7, seed=5)),
@@ -110,7 +110,7 @@ def test_rounding_at_50_hz_is_no_acceleration(field: Field) -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("name", FLIGHTS)
 @pytest.mark.parametrize(
-    "falsify", [*falsified.MOTION, *falsified.UNOBSERVED, *falsified.PLACES], ids=lambda f: f.__name__
+    "falsify", [*falsified.MOTION, *falsified.UNOBSERVED, *falsified.POSITIONS], ids=lambda f: f.__name__
 )
 def test_what_nobody_can_have_flown_is_not_passed(field: Field, falsify: Falsify, name: str, seed: int) -> None:
     track = falsify(field.site, field.flights[name], np.random.default_rng(seed))
@@ -181,9 +181,9 @@ def test_a_number_that_is_missing_inside_the_route_weakens_no_judgement(field: F
     enu[low, 2] -= 48.0 * np.sin(np.linspace(0.0, np.pi, len(low)))
     numbers = track.current_waypoint.copy()
     for hidden in (np.empty(0, dtype=np.int64), low, on[150:], on):
-        told = numbers.copy()
-        told[hidden] = -1
-        report = field.verify(replace(falsified.moved_to(field.site, track, enu), current_waypoint=told))
+        reported = numbers.copy()
+        reported[hidden] = -1
+        report = field.verify(replace(falsified.moved_to(field.site, track, enu), current_waypoint=reported))
         assert report.verdict == "failed"
         assert "below-band" in {violation.kind for violation in report.violations}
 
@@ -211,20 +211,20 @@ def test_a_flight_that_ended_before_its_route_has_no_place_of_the_plan_to_keep(f
     assert [finding.text for finding in judged.findings if finding.effect != "noted"] == []
 
 
-def back_from(track: Track, field: Field, share: float) -> Track:
+def back_from(track: Track, field: Field, fraction: float) -> Track:
     """A flight that turns back after a share of its way to the first waypoint, as a log without numbers has it."""
     first_m = field.planned.waypoints_m[0]
     away_m = np.linalg.norm(track.enu_m - track.enu_m[0], axis=1)
-    out = np.arange(int(np.argmax(away_m > share * np.linalg.norm(first_m - track.enu_m[0]))))
+    out = np.arange(int(np.argmax(away_m > fraction * np.linalg.norm(first_m - track.enu_m[0]))))
     there_and_back = track.taken(np.concatenate([out, out[-2::-1]]))
     step_s = float(np.median(np.diff(track.time_s)))
     return without_numbers(replace(there_and_back, time_s=step_s * np.arange(len(there_and_back))))
 
 
-@pytest.mark.parametrize("share", [0.15, 0.5, 0.9])
-def test_a_return_before_the_first_waypoint_is_all_transit(field: Field, share: float) -> None:
+@pytest.mark.parametrize("fraction", [0.15, 0.5, 0.9])
+def test_a_return_before_the_first_waypoint_is_all_transit(field: Field, fraction: float) -> None:
     """Without numbers its nearest point to the route counted as the route, below the height band."""
-    back = back_from(field.flights["calm"], field, share)
+    back = back_from(field.flights["calm"], field, fraction)
     report = field.verify(back)
     assert report.violations == ()
     assert "no part of the track is on the route" in report.doubts
@@ -234,7 +234,7 @@ def test_a_return_before_the_first_waypoint_is_all_transit(field: Field, share: 
     assert judge_track(field.site, away, field.planned).phases.route.any()
 
 
-@pytest.mark.parametrize("falsify", falsified.PLACES, ids=lambda f: f.__name__)
+@pytest.mark.parametrize("falsify", falsified.POSITIONS, ids=lambda f: f.__name__)
 def test_a_flight_of_the_route_without_numbers_is_no_early_return(field: Field, falsify: Falsify) -> None:
     track = without_numbers(falsify(field.site, field.flights["calm"], np.random.default_rng(1)))
     assert judge_track(field.site, track, field.planned).phases.route.any()

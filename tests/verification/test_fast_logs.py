@@ -52,7 +52,7 @@ def at_rate(site: Site, track: Track, *, hz: float = HZ, noise_m: float = 0.0, n
     time_s = np.arange(track.time_s[0], track.time_s[-1], 1.0 / hz)
 
     def between(values: np.ndarray) -> np.ndarray:
-        return np.column_stack([np.interp(time_s, track.time_s, column) for column in values.T])
+        return np.column_stack([np.interp(time_s, track.time_s, vertical) for vertical in values.T])
 
     yaw = np.unwrap(track.attitude_deg[:, 2], period=360.0)
     attitude = between(np.column_stack([track.attitude_deg[:, :2], yaw]))

@@ -33,12 +33,12 @@ def wandering(site: Site, count: int = 400, *, known: float = 1.0) -> Observatio
     rng = np.random.default_rng(3)
     t = np.linspace(0.0, 40.0, count)
     en = np.column_stack([150.0 + 170.0 * np.sin(0.31 * t), 100.0 + 120.0 * np.cos(0.47 * t)])
-    places = np.column_stack([en, site.ground.ups_m(en, 40.0 + 70.0 * rng.random(count))])
+    positions = np.column_stack([en, site.ground.ups_m(en, 40.0 + 70.0 * rng.random(count))])
     axes = np.column_stack([0.3 * rng.normal(size=(count, 2)), -np.ones(count)])
     axes /= np.linalg.norm(axes, axis=1)[:, None]
     tops = np.cross(axes, np.column_stack([np.cos(t), np.sin(t), np.zeros(count)]))
     tops /= np.linalg.norm(tops, axis=1)[:, None]
-    return Observations(places, axes, tops, t, rng.random(count) < known)
+    return Observations(positions, axes, tops, t, rng.random(count) < known)
 
 
 def same(one: FlownCoverage, other: FlownCoverage) -> bool:
@@ -56,7 +56,7 @@ def test_every_cell_is_judged_the_same_in_blocks(sensor, known, uncertainty) -> 
     site = with_scenario(hard_site(sensor), uncertainty=uncertainty)
     flight = CountedFlight(site, wandering(site, known=known))
     whole = count_observations(judging_map(site), flight.observations)
-    assert 0.2 < whole.seen.mean() < 1.0
+    assert 0.2 < whole.observed.mean() < 1.0
     for step in (1, 6):
         rows = judging_map(site).grid.cells.lattice.shape[0]
         pieces = [count_block(flight, (first, min(first + step, rows))) for first in range(0, rows, step)]
@@ -65,15 +65,15 @@ def test_every_cell_is_judged_the_same_in_blocks(sensor, known, uncertainty) -> 
 
 def test_a_block_asks_only_what_was_observed_near_it() -> None:
     site = make_site(ring=((0.0, 0.0), (100.0, 0.0), (100.0, 900.0), (0.0, 900.0)), cell_m=20.0)
-    places = np.column_stack([np.full(90, 50.0), np.linspace(0.0, 900.0, 90), np.full(90, 100.0)])
+    positions = np.column_stack([np.full(90, 50.0), np.linspace(0.0, 900.0, 90), np.full(90, 100.0)])
     down = np.tile([0.0, 0.0, -1.0], (90, 1))
     observations = Observations(
-        places, down, np.tile([0.0, 1.0, 0.0], (90, 1)), np.arange(90.0), np.ones(90, dtype=bool)
+        positions, down, np.tile([0.0, 1.0, 0.0], (90, 1)), np.arange(90.0), np.ones(90, dtype=bool)
     )
     block = judging_block(site, range(3))
     near = near_block(block, observations)
     # 50 m of centres, and the camera's range of 200 m.
-    assert near.places_m[:, 1].max() == pytest.approx(250.0, abs=12.0)
+    assert near.positions_m[:, 1].max() == pytest.approx(250.0, abs=12.0)
     assert same(count_observations(block, near), count_observations(block, observations))
     assert len(near_block(judging_block(site, range(0)), observations)) == 0
 

@@ -13,12 +13,12 @@ from uavcover.verification.flown_route import (
     contradiction,
     length_of_m,
     passing,
-    place_of,
+    path_after_m,
+    path_before_m,
+    paths_between_m,
     plan_doubt,
+    position_of,
     unobserved_stretches,
-    way_after_m,
-    way_before_m,
-    ways_between_m,
 )
 from uavcover.verification.possible_motion import ImpossibleMove, Motion
 
@@ -26,8 +26,8 @@ PLAN = np.array([[0.0, 0.0, 80.0], [100.0, 0.0, 80.0], [100.0, 50.0, 80.0], [0.0
 RADIUS_M = 5.0
 
 
-def passed_by(*places: tuple[float, float], plan: np.ndarray = PLAN, broken: tuple[int, ...] = ()) -> Passing:
-    enu = np.array([(east, north, 80.0) for east, north in places])
+def passed_by(*positions: tuple[float, float], plan: np.ndarray = PLAN, broken: tuple[int, ...] = ()) -> Passing:
+    enu = np.array([(east, north, 80.0) for east, north in positions])
     joined = np.ones(len(enu) - 1, dtype=bool)
     joined[list(broken)] = False
     return passing(enu, joined, plan, radius_m=RADIUS_M)
@@ -111,8 +111,8 @@ def flown() -> Track:
 def said_of(track: Track, numbers: np.ndarray, *, broken: slice = slice(0, 0)) -> str | None:
     joined = np.ones(len(track) - 1, dtype=bool)
     joined[broken] = False
-    told = Track(track.time_s, track.geodetic, track.enu_m, track.attitude_deg, numbers.astype(np.int64))
-    return contradiction(told, track.enu_m, joined, PLAN, radius_m=RADIUS_M, speed_m_s=10.0)
+    reported = Track(track.time_s, track.geodetic, track.enu_m, track.attitude_deg, numbers.astype(np.int64))
+    return contradiction(reported, track.enu_m, joined, PLAN, radius_m=RADIUS_M, speed_m_s=10.0)
 
 
 def test_numbers_of_the_flight_itself_contradict_nothing(flown: Track) -> None:
@@ -272,21 +272,21 @@ def passed(*samples: int) -> Passing:
 
 def test_the_planned_ways_before_the_first_and_after_the_last_waypoint_that_was_passed() -> None:
     some = passed(-1, -1, 4, 9, -1)
-    assert way_before_m(PLANNED, some).tolist() == PLANNED.waypoints_m[:3].tolist()
-    assert way_after_m(PLANNED, some).tolist() == PLANNED.waypoints_m[3:].tolist()
+    assert path_before_m(PLANNED, some).tolist() == PLANNED.waypoints_m[:3].tolist()
+    assert path_after_m(PLANNED, some).tolist() == PLANNED.waypoints_m[3:].tolist()
     whole = passed(0, 2, 4, 6, 8)
-    assert len(way_before_m(PLANNED, whole)) == len(way_after_m(PLANNED, whole)) == 1
+    assert len(path_before_m(PLANNED, whole)) == len(path_after_m(PLANNED, whole)) == 1
     none = passed(-1, -1, -1, -1, -1)
-    assert len(way_before_m(PLANNED, none)) == len(way_after_m(PLANNED, none)) == 5
+    assert len(path_before_m(PLANNED, none)) == len(path_after_m(PLANNED, none)) == 5
 
 
 @pytest.mark.parametrize("plan", [None, NO_PLAN])
 def test_without_a_plan_no_way_is_known(plan: PlannedRoute | None) -> None:
-    assert way_before_m(plan, None).shape == way_after_m(plan, None).shape == (0, 3)
+    assert path_before_m(plan, None).shape == path_after_m(plan, None).shape == (0, 3)
     enu = np.array([[0.0, 0.0, 80.0], [30.0, 40.0, 80.0]])
-    (way,) = ways_between_m(enu, np.array([False]), np.array([True, True]), plan, None)
-    assert way.tolist() == enu.tolist()
-    assert length_of_m(way) == 50.0
+    (path,) = paths_between_m(enu, np.array([False]), np.array([True, True]), plan, None)
+    assert path.tolist() == enu.tolist()
+    assert length_of_m(path) == 50.0
 
 
 def between(samples: Passing, *gaps: int, route: slice = slice(None)) -> list[list[float]]:
@@ -296,7 +296,7 @@ def between(samples: Passing, *gaps: int, route: slice = slice(None)) -> list[li
     joined[list(gaps)] = False
     on = np.zeros(9, dtype=bool)
     on[route] = True
-    return [way[:, 0].tolist() for way in ways_between_m(enu, joined, on, PLANNED, samples)]
+    return [path[:, 0].tolist() for path in paths_between_m(enu, joined, on, PLANNED, samples)]
 
 
 def test_over_a_gap_the_way_leads_over_the_waypoints_in_between() -> None:
@@ -374,5 +374,5 @@ def test_moves_are_counted_in_the_track_as_it_was_told() -> None:
 
 
 def test_a_place_is_told_in_degrees_where_there_are_any() -> None:
-    assert place_of(make_site(), np.array([0.0, 0.0, 0.0])) == "36.500000, -84.200000"
-    assert place_of(make_site(on_earth=False), np.array([12.4, -7.6, 3.0])) == "12 m east, -8 m north"
+    assert position_of(make_site(), np.array([0.0, 0.0, 0.0])) == "36.500000, -84.200000"
+    assert position_of(make_site(on_earth=False), np.array([12.4, -7.6, 3.0])) == "12 m east, -8 m north"

@@ -47,10 +47,10 @@ def test_the_shapes_are_the_squares_of_exactly_their_cells() -> None:
     verdict = verdict_on(make_site(flat), LINE)
     middles = verdict.coverage.grid.cells.centre_m
     # A ring of cells around one that was seen, two cells that touch at a corner, and a single one.
-    column, row = np.floor(middles[:, 0] / 10.0), np.floor(middles[:, 1] / 10.0)
-    ring = (np.abs(column - 3) <= 1) & (np.abs(row - 3) <= 1) & ~((column == 3) & (row == 3))
-    corner = ((column == 10) & (row == 5)) | ((column == 11) & (row == 6))
-    single = (column == 20) & (row == 10)
+    vertical, row = np.floor(middles[:, 0] / 10.0), np.floor(middles[:, 1] / 10.0)
+    ring = (np.abs(vertical - 3) <= 1) & (np.abs(row - 3) <= 1) & ~((vertical == 3) & (row == 3))
+    corner = ((vertical == 10) & (row == 5)) | ((vertical == 11) & (row == 6))
+    single = (vertical == 20) & (row == 10)
     cells = [np.flatnonzero(chosen) for chosen in (ring, corner, single)]
     regions = [dataclasses.replace(verdict.gaps[0], cells=numbers) for numbers in cells]
     shapes = local_shapes(verdict, regions)

@@ -40,8 +40,8 @@ def flight(
     for k in range(1, len(time_s)):
         step = np.clip(wanted[k] - velocity[k - 1], -brisk_m_s2 * STEP_S, brisk_m_s2 * STEP_S)
         velocity[k] = velocity[k - 1] + step
-    places = np.column_stack([np.cumsum(velocity, axis=0) * STEP_S, np.full(len(time_s), 80.0)])
-    acceleration = np.gradient(np.gradient(places[:, :2], STEP_S, axis=0), STEP_S, axis=0)
+    positions = np.column_stack([np.cumsum(velocity, axis=0) * STEP_S, np.full(len(time_s), 80.0)])
+    acceleration = np.gradient(np.gradient(positions[:, :2], STEP_S, axis=0), STEP_S, axis=0)
     gusts = np.cumsum(rng.normal(0.0, gust_m_s * np.sqrt(2.0 * STEP_S / 5.0), (len(time_s), 2)), axis=0)
     gusts -= np.linspace(0.0, 1.0, len(time_s))[:, None] * gusts[-1]
     thrust = acceleration + drag_per_s * (velocity - np.array(wind_m_s) - np.clip(gusts, -4.0, 4.0))
@@ -50,16 +50,16 @@ def flight(
     ahead, right = s * thrust[:, 0] + c * thrust[:, 1], c * thrust[:, 0] - s * thrust[:, 1]
     pitch = -np.arctan(ahead / GRAVITY)
     roll = np.arctan(right * np.cos(pitch) / GRAVITY)
-    places[:, :2] += rng.normal(0.0, noise_m, (len(time_s), 2)) if noise_m else 0.0
-    return time_s, places, np.column_stack([np.degrees(roll), np.degrees(pitch), yaw])
+    positions[:, :2] += rng.normal(0.0, noise_m, (len(time_s), 2)) if noise_m else 0.0
+    return time_s, positions, np.column_stack([np.degrees(roll), np.degrees(pitch), yaw])
 
 
 def problem_of(
     flown: tuple[np.ndarray, np.ndarray, np.ndarray], attitude: np.ndarray | None = None
 ) -> LeanProblem | None:
-    time_s, places, own = flown
+    time_s, positions, own = flown
     joined = np.ones(len(time_s) - 1, dtype=bool)
-    return lean_problem(time_s, places, joined, own if attitude is None else attitude)
+    return lean_problem(time_s, positions, joined, own if attitude is None else attitude)
 
 
 @pytest.mark.parametrize("drag_per_s", [0.0, 0.2, 0.5, 0.9])
@@ -172,19 +172,19 @@ def test_an_autopilot_that_is_mounted_a_little_askew_fits(degrees: float) -> Non
 
 
 def test_on_one_heading_a_steady_lean_may_be_the_winds() -> None:
-    time_s, places, attitude = flight()
+    time_s, positions, attitude = flight()
     one_line = slice(0, round(22.0 / STEP_S))
     leaning = attitude[one_line] + [12.0, 0.0, 0.0]
-    assert problem_of((time_s[one_line], places[one_line], leaning)) is None
+    assert problem_of((time_s[one_line], positions[one_line], leaning)) is None
 
 
 def test_little_or_nothing_known_confirms_nothing() -> None:
-    time_s, places, attitude = flight()
+    time_s, positions, attitude = flight()
     sparse = slice(None, None, 20)  # a sample in 4 s
     for few in (
-        (time_s, places, np.full_like(attitude, np.nan)),
-        (time_s[:10], places[:10], attitude[:10]),
-        (time_s[sparse], places[sparse], -attitude[sparse]),
+        (time_s, positions, np.full_like(attitude, np.nan)),
+        (time_s[:10], positions[:10], attitude[:10]),
+        (time_s[sparse], positions[sparse], -attitude[sparse]),
     ):
         found = problem_of(few)
         assert found is not None

@@ -128,13 +128,13 @@ def test_samples_at_max_gap_are_joined_and_further_ones_are_not() -> None:
 def stretches(*parts: tuple[float, float, tuple[float, float, float]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Parts from one time to another at rest at a place each; with the number of the part of each sample."""
     times = [np.arange(begin, end + 0.05, 0.1) for begin, end, _ in parts]
-    places = [np.tile(place, (len(time), 1)) for time, (_, _, place) in zip(times, parts, strict=True)]
+    positions = [np.tile(position, (len(time), 1)) for time, (_, _, position) in zip(times, parts, strict=True)]
     number = np.repeat(np.arange(len(parts)), [len(time) for time in times])
-    return np.concatenate(times), np.vstack(places), number
+    return np.concatenate(times), np.vstack(positions), number
 
 
 @pytest.mark.parametrize(
-    ("place", "reached"),
+    ("position", "reached"),
     [
         ((204.0, 0.0, 0.0), True),  # 20 m/s for 10 s, and a jump of 5 m
         ((0.0, -206.0, 0.0), False),
@@ -146,12 +146,12 @@ def stretches(*parts: tuple[float, float, tuple[float, float, float]]) -> tuple[
 )
 @pytest.mark.parametrize("after", [True, False])
 def test_a_stretch_that_cannot_be_reached_in_the_gap_is_no_evidence(
-    place: tuple[float, float, float], reached: bool, after: bool
+    position: tuple[float, float, float], reached: bool, after: bool
 ) -> None:
-    parts = [(0.0, 20.0, (0.0, 0.0, 0.0)), (30.0, 35.0, place)]
+    parts = [(0.0, 20.0, (0.0, 0.0, 0.0)), (30.0, 35.0, position)]
     if not after:
         # The shorter one first: seen from the longer one the way to it leads back.
-        parts = [(0.0, 5.0, (0.0, 0.0, 0.0)), (15.0, 35.0, place)]
+        parts = [(0.0, 5.0, (0.0, 0.0, 0.0)), (15.0, 35.0, position)]
     time_s, enu, number = stretches(*parts)
     motion = judged(time_s, enu)
     short = 1 if after else 0
@@ -163,8 +163,8 @@ def test_a_stretch_that_cannot_be_reached_in_the_gap_is_no_evidence(
     chosen = np.flatnonzero(number == short)
     assert (move.first, move.last, move.kind, move.limit) == (chosen[0], chosen[-1], "out of reach", 20.0)
     # Against the limit of its own direction, as a speed over ground.
-    most = 20.0 if place[2] == 0.0 else 10.0 if place[2] > 0.0 else 6.0
-    assert move.worst == pytest.approx((max(map(abs, place)) - 5.0) / 10.0 * 20.0 / most)
+    most = 20.0 if position[2] == 0.0 else 10.0 if position[2] > 0.0 else 6.0
+    assert move.worst == pytest.approx((max(map(abs, position)) - 5.0) / 10.0 * 20.0 / most)
 
 
 def test_what_comes_behind_an_unreachable_stretch_is_asked_for_from_the_last_one_that_counts() -> None:

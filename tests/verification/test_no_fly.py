@@ -30,7 +30,7 @@ def test_an_entry_with_time_place_and_depth():
     assert violation.end_s == pytest.approx(115.0, abs=0.21)
     assert verdict.report.verdict == "failed"
     (row,) = [row for row in requirement_rows(site.scenario, verdict.report) if row.name == "Outside no-fly zones"]
-    assert (row.asked, row.found, row.holds) == ("1 zone", "left 1 time", "no")
+    assert (row.required, row.found, row.holds) == ("1 zone", "left 1 time", "no")
 
 
 @pytest.mark.parametrize("aside", [4.9, 5.0, 9.0])
@@ -114,14 +114,14 @@ def test_zones_with_times_are_judged_by_the_time_of_day_of_the_track(active, win
         track = dataclasses.replace(track, unix_time_s=unix_s + track.time_s)
     report = verify_track(site, CoverageMap(site, cell_size_m=20.0), track, PlannedRoute(ALONG, 0.0))
     assert bool(report.violations) == (verdict == "entered")
-    told = (
+    reported = (
         "the vehicle entered no-fly zone prison, which is inactive in flight_window_utc; the track has no time of day"
     )
-    assert any(told in doubt for doubt in report.doubts) == (verdict == "unknown")
+    assert any(reported in doubt for doubt in report.doubts) == (verdict == "unknown")
     findings = [line for line in report.findings if "no-fly zone" in line]
     assert findings == [] if said is None else said in findings[0]
     assert (report.flown_utc is None) == (unix_s is None)
-    rows = {row.name: row.asked for row in requirement_rows(site.scenario, report)}
+    rows = {row.name: row.required for row in requirement_rows(site.scenario, report)}
     assert rows["Outside no-fly zones"] == ("1 zone" if verdict == "entered" else "0 zones")
 
 

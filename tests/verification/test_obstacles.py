@@ -29,11 +29,11 @@ def test_a_gap_called_occluded_is_seen_when_the_obstacle_is_taken_away() -> None
     # From 80 m up and 35 m beside it the ray over a wall of 40 m comes down at twice its distance.
     behind = at(with_wall, 165.0, 105.0)
     assert reasons_at(with_wall, 165.0, 105.0) == ("occluded", True)
-    assert without.flown.seen[behind]
+    assert without.flown.observed[behind]
     assert {gap.reason for gap in with_wall.report.gaps} == {"occluded", "never-in-range"}
     assert {gap.reason for gap in without.report.gaps} == {"never-in-range"}
     # The roof is a cell like another: seen.
-    assert with_wall.flown.seen[at(with_wall, 145.0, 105.0)]
+    assert with_wall.flown.observed[at(with_wall, 145.0, 105.0)]
     assert with_wall.report.violations == ()
 
 
@@ -87,14 +87,14 @@ def test_beside_an_obstacle_errors_of_position_make_a_cell_less_sure() -> None:
     unsure = with_scenario(site, uncertainty=Uncertainty(position_m=3.0))
     path = np.array([[115.0, -100.0, 80.0], [115.0, 300.0, 80.0]])
     exact, blurred = verdict_on(site, path, cell_m=5.0), verdict_on(unsure, path, cell_m=5.0)
-    assert exact.flown.seen.tolist() == blurred.flown.seen.tolist()
+    assert exact.flown.observed.tolist() == blurred.flown.observed.tolist()
     # At the foot of the wall, and where the ray passes its end: seen, not surely. Behind it: not seen, but possibly.
     foot, behind = at(exact, 137.5, 100.0), at(exact, 165.0, 105.0)
-    assert exact.flown.surely_seen[foot]
-    assert not blurred.flown.surely_seen[foot]
-    assert blurred.flown.surely_seen[at(exact, 102.5, 100.0)]
-    assert blurred.flown.possibly_seen[behind]
-    assert not exact.flown.possibly_seen[behind]
+    assert exact.flown.certain_cells[foot]
+    assert not blurred.flown.certain_cells[foot]
+    assert blurred.flown.certain_cells[at(exact, 102.5, 100.0)]
+    assert blurred.flown.possible_cells[behind]
+    assert not exact.flown.possible_cells[behind]
 
 
 def test_a_stabilised_camera_sees_the_same_roof_and_shadow() -> None:

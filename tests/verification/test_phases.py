@@ -12,7 +12,7 @@ ALONG_M = np.column_stack([4.0 * np.arange(SAMPLES), np.zeros(SAMPLES), np.full(
 
 
 def span_of(
-    told: dict[tuple[int, int], int],
+    reported: dict[tuple[int, int], int],
     passed: dict[int, int] | None = None,
     *,
     believed: bool = True,
@@ -21,16 +21,16 @@ def span_of(
 ) -> tuple[int, int] | None:
     """First and last sample of the route, by numbers told from one sample to another, and samples that passed waypoints."""
     numbers = np.full(len(enu_m), -1)
-    for (first, last), number in told.items():
+    for (first, last), number in reported.items():
         numbers[first : last + 1] = number
-    places = None
+    positions = None
     if passed is not None:
         samples = np.full(len(PLAN.waypoints_m), -1)
         for waypoint, sample in passed.items():
             samples[waypoint] = sample
-        places = Passing(samples, np.zeros(samples.size), 5.0)
+        positions = Passing(samples, np.zeros(samples.size), 5.0)
     track = track_of(make_site(), enu_m, time_s=np.arange(float(len(enu_m))), current_waypoint=numbers)
-    route = on_route(track, enu_m, plan, acceptance_radius_m=3.0, passed=places, believed=believed)
+    route = on_route(track, enu_m, plan, acceptance_radius_m=3.0, passed=positions, believed=believed)
     chosen = np.flatnonzero(route)
     if chosen.size == 0:
         return None

@@ -18,7 +18,7 @@ from uavcover.run.documents import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.run.track_file import read_track
 from uavcover.sensing.site_maps import judging_map
-from uavcover.verification.flown_coverage import PictureEvidence
+from uavcover.verification.flown_coverage import PhotoEvidence
 from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.observations import reports_photos
 from uavcover.verification.verify import FlownTrack, verify_flight, verify_track
@@ -94,7 +94,7 @@ def test_of_a_record_that_tells_of_no_picture_the_waypoints_count():
     assert flight.verify(changed(flight.track, pictures_taken=back)).coverage_fraction == 0.0
 
 
-REQUIRED = PictureEvidence(photos_required=True)
+REQUIRED = PhotoEvidence(photos_required=True)
 
 
 @dataclasses.dataclass

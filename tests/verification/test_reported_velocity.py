@@ -43,7 +43,7 @@ def judged(time_s: np.ndarray, enu_m: np.ndarray, velocity_m_s: np.ndarray | Non
 
 
 def late(by_s: float) -> Velocity:
-    return lambda t, v: np.column_stack([np.interp(t - by_s, t, column) for column in v.T])
+    return lambda t, v: np.column_stack([np.interp(t - by_s, t, vertical) for vertical in v.T])
 
 
 def wandering(time_s: np.ndarray, seed: int) -> np.ndarray:
@@ -76,8 +76,8 @@ HONEST: dict[str, Velocity] = {
 def test_an_honest_velocity_agrees(name: str, rate_hz: float) -> None:
     time_s, enu, velocity = flown(rate_hz)
     lat, lon, alt = FRAME.geodetic_from_enu(enu)
-    told = FRAME.enu_from_geodetic(np.round(lat, 7), np.round(lon, 7), np.round(alt, 3))
-    motion = judged(time_s, told, HONEST[name](time_s, velocity))
+    reported = FRAME.enu_from_geodetic(np.round(lat, 7), np.round(lon, 7), np.round(alt, 3))
+    motion = judged(time_s, reported, HONEST[name](time_s, velocity))
     assert (motion.moves, motion.contradiction, motion.lag) == ((), None, None)
     assert motion.joined.all()
 
@@ -90,11 +90,11 @@ def test_the_error_of_an_estimator_is_no_contradiction(seed: int) -> None:
 
 
 @pytest.mark.parametrize("by_s", [-1.0, 1.0])
-@pytest.mark.parametrize(("column", "axis"), [(0, "eastward"), (1, "northward"), (2, "upward")])
-def test_one_coordinate_of_another_time_than_the_others(column: int, axis: str, by_s: float) -> None:
+@pytest.mark.parametrize(("vertical", "axis"), [(0, "eastward"), (1, "northward"), (2, "upward")])
+def test_one_coordinate_of_another_time_than_the_others(vertical: int, axis: str, by_s: float) -> None:
     """In each window that is less than the error of the positions may be."""
     time_s, enu, velocity = flown(5.0, speed_m_s=5.0)
-    enu[:, column] = np.interp(time_s - by_s, time_s, enu[:, column])
+    enu[:, vertical] = np.interp(time_s - by_s, time_s, enu[:, vertical])
     motion = judged(time_s, enu + wandering(time_s, 1), velocity)
     assert (motion.moves, motion.contradiction) == ((), None)
     assert motion.lag == (pytest.approx(by_s, abs=0.3), axis)

@@ -190,11 +190,11 @@ def site_of(**fleet: Any) -> Site:
 
 
 def track(time_s: Any, enu_m: Any, *, received: Any = "at once", boot_utc_s: float = 1000.0) -> Track:
-    times, places = np.array(time_s, float), np.array(enu_m, float)
+    times, positions = np.array(time_s, float), np.array(enu_m, float)
     known = times + boot_utc_s if isinstance(received, str) else np.array(received, float)
     n = len(times)
     return Track(
-        time_s=times, geodetic=np.zeros((n, 3)), enu_m=places, attitude_deg=np.zeros((n, 3)),
+        time_s=times, geodetic=np.zeros((n, 3)), enu_m=positions, attitude_deg=np.zeros((n, 3)),
         current_waypoint=np.zeros(n, dtype=np.int64), received_utc_s=known,
     )  # fmt: skip
 
@@ -215,8 +215,8 @@ def test_against_every_moment(seed: int) -> None:
     tracks = []
     for boot_s in (1000.0, 1000.0 + rng.uniform(-8.0, 8.0)):
         times = np.cumsum(rng.uniform(0.1, 1.0, size=60))
-        places = np.cumsum(rng.normal(0.0, 4.0, size=(60, 3)), axis=0) + np.array([0.0, 0.0, 60.0])
-        tracks.append(track(times, places, boot_utc_s=boot_s))
+        positions = np.cumsum(rng.normal(0.0, 4.0, size=(60, 3)), axis=0) + np.array([0.0, 0.0, 60.0])
+        tracks.append(track(times, positions, boot_utc_s=boot_s))
     [pair] = judge_separation(site_of(), tracks).pairs
     lists = [(list(t.received_utc_s), [tuple(p) for p in t.enu_m]) for t in tracks]
     least_m, when_s = least_distance(*lists, moments=20_000)

@@ -125,37 +125,37 @@ def test_nothing_seen_before_the_route_counts(level: Flight) -> None:
 def test_first_seen_is_the_time_of_the_flight(level: Flight) -> None:
     flown = flown_coverage(level.coverage, level.track, level.planned)
     on = level.track.time_s[level.track.current_waypoint >= 1]
-    assert np.isnan(flown.first_seen_s[~flown.seen]).all()
-    times = flown.first_seen_s[flown.seen]
+    assert np.isnan(flown.first_observed_s[~flown.observed]).all()
+    times = flown.first_observed_s[flown.observed]
     assert times.min() == on[0]
     assert times.max() <= on[-1]
     # A cell under the second line cannot be seen before the vehicle gets there.
     cell = int(np.argmin(np.linalg.norm(level.coverage.grid.cells.centre_m[:, :2] - [295.0, 195.0], axis=1)))
     nearest = level.track.time_s[np.argmin(np.linalg.norm(level.track.enu_m[:, :2] - [295.0, 167.0], axis=1))]
-    assert flown.first_seen_s[cell] == pytest.approx(nearest, abs=8.0)
+    assert flown.first_observed_s[cell] == pytest.approx(nearest, abs=8.0)
 
 
-def naive_seen(flight: Flight, track: Track) -> np.ndarray:
+def naive_observed(flight: Flight, track: Track) -> np.ndarray:
     """Coverage of a track, cell by cell and place by place, flat ground and a cone: no kernel of ours."""
     tan_half = math.tan(math.radians(35.0))
-    places = []
+    positions = []
     rows = [k for k in range(len(track)) if track.current_waypoint[k] >= 1]
     for a, b in itertools.pairwise(rows):
         if track.time_s[b] - track.time_s[a] <= 2.0:
             pieces = max(1, math.ceil(float(np.linalg.norm(track.enu_m[b] - track.enu_m[a])) / 10.0 - 1e-9))
-            places += [track.enu_m[a] + k / pieces * (track.enu_m[b] - track.enu_m[a]) for k in range(pieces + 1)]
-    seen = []
+            positions += [track.enu_m[a] + k / pieces * (track.enu_m[b] - track.enu_m[a]) for k in range(pieces + 1)]
+    observed = []
     for east, north, up in flight.coverage.grid.cells.centre_m:
         hit = False
-        for place in places:
-            height = place[2] - up
-            across = math.hypot(place[0] - east, place[1] - north)
+        for position in positions:
+            height = position[2] - up
+            across = math.hypot(position[0] - east, position[1] - north)
             slant = math.hypot(across, height)
             hit = hit or (
                 across <= height * tan_half and slant <= 200.0 and height / slant >= math.cos(math.radians(75.0))
             )
-        seen.append(hit)
-    return np.array(seen)
+        observed.append(hit)
+    return np.array(observed)
 
 
 def test_coverage_equals_its_naive_twin(level: Flight) -> None:
@@ -163,9 +163,9 @@ def test_coverage_equals_its_naive_twin(level: Flight) -> None:
     keep[np.flatnonzero(level.track.current_waypoint >= 1)[20:190]] = False
     track = taken(level.track, keep)
     flown = flown_coverage(level.coverage, track, level.planned)
-    expected = naive_seen(level, track)
+    expected = naive_observed(level, track)
     assert 0.3 < expected.mean() < 1.0
-    np.testing.assert_array_equal(flown.seen, expected)
+    np.testing.assert_array_equal(flown.observed, expected)
 
 
 # Which part is the route
@@ -183,9 +183,9 @@ def test_without_waypoint_numbers_the_places_decide(hilly: Flight) -> None:
 def test_the_places_decide_also_when_the_way_home_passes_over_the_first_waypoint() -> None:
     flight = Flight(make_site(), Route(np.array([[0.0, 50, 80], [300, 50, 80], [300, 150, 80], [200, 50, 80]])))
     route = on_route(flight.without_waypoints(), flight.track.enu_m, flight.planned, acceptance_radius_m=3.0)
-    told = on_route(flight.track, flight.track.enu_m, flight.planned, acceptance_radius_m=3.0)
-    assert route.sum() == pytest.approx(told.sum(), abs=2)
-    assert (route & told).sum() >= told.sum() - 1
+    reported = on_route(flight.track, flight.track.enu_m, flight.planned, acceptance_radius_m=3.0)
+    assert route.sum() == pytest.approx(reported.sum(), abs=2)
+    assert (route & reported).sum() >= reported.sum() - 1
 
 
 def test_without_a_plan_and_without_numbers_everything_counts(level: Flight) -> None:

@@ -93,8 +93,8 @@ def verify(
     from uavcover.plugins import loaded
     from uavcover.run.folder import RunFolder
     from uavcover.run.user import to_paste
-    from uavcover.verification.command import JudgedPictures, verify_run
-    from uavcover.verification.flown_coverage import NO_PICTURES, GivenEvidence, PictureEvidence
+    from uavcover.verification.command import JudgedPhotos, verify_run
+    from uavcover.verification.flown_coverage import NO_PHOTOS, GivenEvidence, PhotoEvidence
 
     console = output.console()
     if area is None:
@@ -114,7 +114,7 @@ def verify(
         evidence = of_photos.evidence_of(tracks, photos or [], system=system)
         request = of_photos.PhotoRequest(
             photos=evidence.photos, area=None if area is None else survey.request(area, autopilot=None), scenario=None,
-            assumed=of_photos.Assumptions(**belief.assumed()), takeoff=belief.place(), coverage=None,
+            assumed=of_photos.Assumptions(**belief.assumed()), takeoff=belief.position(), coverage=None,
             mount_known=area is None or survey.mount is not None, refly=False, budget_s=None, force=force,
             detection=search.curve(), pod=search.pod, max_blur_px=belief.max_blur,
         )  # fmt: skip
@@ -130,12 +130,12 @@ def verify(
             return 0 if report["passed"] else 1
         evidence = of_photos.run_of_flight(request.area, evidence, console, out=folder, command=sys.argv, force=force)
     if not evidence.photos:
-        for option, asked in (("--detection", search.detection), ("--max-blur", belief.max_blur)):
-            if asked is not None:
+        for option, requested in (("--detection", search.detection), ("--max-blur", belief.max_blur)):
+            if requested is not None:
                 raise InputError(f"{option}: this option applies only to photos: add --photos")
     if evidence.photos and scheduler is not None:
         raise InputError("--scheduler: this option distributes the coverage of a track; omit it with --photos")
-    pictures = JudgedPictures(PictureEvidence(photos_required=require_photos) if area is None else NO_PICTURES)
+    photo_verdict = JudgedPhotos(PhotoEvidence(photos_required=require_photos) if area is None else NO_PHOTOS)
     if of_photos is not None and evidence.photos:
         report = of_photos.verify_evidence(
             folder, evidence, request, console, command=sys.argv, accepted=accept_changed or ()
@@ -143,7 +143,7 @@ def verify(
     else:
         _, report = verify_run(
             folder, console, command=sys.argv, logs=evidence.logs, accepted=accept_changed or () if area is None else (),
-            pictures=pictures, scheduler=scheduler, system=system,
+            photos=photo_verdict, scheduler=scheduler, system=system,
         )  # fmt: skip
         if area is None:
             console.suggest(to_paste("report", run), *([to_paste("gaps", run)] if report["gaps"] else []))

@@ -49,7 +49,7 @@ class Console:
         if not self.quiet:
             self._write(sys.stderr if self.as_json else sys.stdout, line)
 
-    def say_limits(self, head: str, rows: Sequence[Mapping[str, Any]]) -> None:
+    def show_limits(self, head: str, rows: Sequence[Mapping[str, Any]]) -> None:
         """The head of a table of limits; its lines follow."""
         del rows
         self.say(head)
@@ -152,7 +152,7 @@ class EventConsole(Console):
         """A message."""
         self.write_event({"say": line})
 
-    def say_limits(self, head: str, rows: Sequence[Mapping[str, Any]]) -> None:
+    def show_limits(self, head: str, rows: Sequence[Mapping[str, Any]]) -> None:
         """A vehicle's table of limits."""
         self.write_event({"say": head, "limits": list(rows)})
 
@@ -202,9 +202,11 @@ class Bar:
             self._progress.update(self._task, completed=done, total=total, note=plain_text(note))
         elif (now := self._clock()) - self._line_s >= _LINE_EVERY_S:
             self._line_s = now
-            self._console.say(f"  {self._what}: {self._share(done, now - self._began_s)}{f'; {note}' if note else ''}")
+            self._console.say(
+                f"  {self._what}: {self._fraction(done, now - self._began_s)}{f'; {note}' if note else ''}"
+            )
 
-    def _share(self, done: float, took_s: float) -> str:
+    def _fraction(self, done: float, took_s: float) -> str:
         if not self._total or done <= 0.0:
             return f"{took_s / 60.0:.0f} min so far"
         left_min = took_s / 60.0 * (self._total / done - 1.0)
@@ -249,7 +251,7 @@ class _EventBar(Bar):
         """Write the places of a route, once a second at most."""
         if self._clock() >= self._drawn_s + _DRAWN_EVERY_S:
             self._drawn_s = self._clock()
-            self._events.write_event({"route": [[round(value, 7) for value in place] for place in lon_lat_deg()]})
+            self._events.write_event({"route": [[round(value, 7) for value in position] for position in lon_lat_deg()]})
 
     def status(self, line: str, *, at_s: float) -> None:
         """Write the vehicle's status."""

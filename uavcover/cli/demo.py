@@ -78,7 +78,7 @@ def demo(
     _stage(folder, "verify", at)
     save_report(folder, folder.file(REPORT_FILE), console)
     console.say()
-    _say_end(console, folder, outcome.document, verdict, time.monotonic() - started)
+    _print_end(console, folder, outcome.document, verdict, time.monotonic() - started)
     console.result({"run": str(folder), "plan": outcome.document, "upload_passed": uploaded["passed"], "flight": flown,
                     "verification": verdict, "wall_s": time.monotonic() - started})  # fmt: skip
     if flight.ending in ENDED_BY_USER:
@@ -90,7 +90,7 @@ def _stage(run: RunFolder, name: str, started_s: float) -> None:
     add_stage(run, name, time.monotonic() - started_s)
 
 
-def _say_end(console: Console, run: RunFolder, plan: dict[str, Any], verdict: dict[str, Any], wall_s: float) -> None:
+def _print_end(console: Console, run: RunFolder, plan: dict[str, Any], verdict: dict[str, Any], wall_s: float) -> None:
     console.say(
         f"coverage of the area: planned {percent(plan['coverage_fraction'])}, flown "
         f"{percent(verdict['coverage_fraction'])}; height above ground: {metres(verdict['min_height_agl_m'])} to "

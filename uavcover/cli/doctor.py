@@ -184,7 +184,7 @@ def compile_kernels(user: User) -> float:
     """
     # Not at the top, because doctor must report missing packages if the numeric ones do not load.
     from uavcover.missions.flights import compile_flights
-    from uavcover.planner.gap_route import plan_closing_route
+    from uavcover.planner.gap_route import plan_gap_route
     from uavcover.planner.plan_files import bounds
     from uavcover.planner.plan_search import SearchRequest, plan
     from uavcover.scenario.site import load_site
@@ -208,7 +208,7 @@ def compile_kernels(user: User) -> float:
             distance_m = np.linalg.norm(coverage.grid.cells.centre_m - chosen.route.waypoints_m[-1], axis=1)
             missing = coverage.coverable & (distance_m <= np.sort(distance_m)[_GAP_CELLS])
             with contextlib.suppress(InfeasibleError):
-                plan_closing_route(coverage, missing, start_m=site.home_m, end_m=site.home_m)
+                plan_gap_route(coverage, missing, start_m=site.home_m, end_m=site.home_m)
     return time.monotonic() - started
 
 

@@ -114,8 +114,10 @@ def fly(
 
     if older.resume and not to and sortie is None and RunFolder(run).sorties():
         RunFolder(run).flight(sortie)  # one of several sorties: refuses, as --sortie is missing
-    places = links_of_run(RunFolder(run), vehicle.places(to), sortie=sortie)
-    links = [replace(link, mock_speed=vehicle.mock_speed) for link in vehicle.links_at(places, client=vehicle.client)]
+    addresses = links_of_run(RunFolder(run), vehicle.addresses(to), sortie=sortie)
+    links = [
+        replace(link, mock_speed=vehicle.mock_speed) for link in vehicle.links_at(addresses, client=vehicle.client)
+    ]
     link = links[0]
     console = output.console()
     if len(links) > 1 and (sortie is not None or older.resume):
@@ -140,7 +142,7 @@ def fly(
         from uavcover.recording.viewer import open_live_viewer
 
         viewer_url = open_live_viewer()
-    asked = FlightOptions(
+    requested = FlightOptions(
         confirmed=yes, force=older.force, viewer_url=viewer_url, timeouts=timeouts, precautions=precautions,
         upload_first=link.url.startswith("mock:"),  # a vehicle that begins with this process holds nothing yet
     )  # fmt: skip
@@ -148,7 +150,7 @@ def fly(
         from uavcover.planner.close_gaps import GapRequest, commands_after_gaps
 
         ended, document = load("uavcover.fleets", "vehicles").fly_fleet(
-            folder, links, console, asked, on_loss=on_loss, command=sys.argv
+            folder, links, console, requested, on_loss=on_loss, command=sys.argv
         )
         gap_mission = (document["gaps"] or {}).get("mission")
         following = [] if gap_mission is None else commands_after_gaps(folder, GapRequest())
@@ -156,13 +158,13 @@ def fly(
         console.result(document)
         return INTERRUPTED if ended else int(bool(document["left"]))
     if older.resume:
-        resumed, document = resume_run(folder, link, console, asked, command=sys.argv)
+        resumed, document = resume_run(folder, link, console, requested, command=sys.argv)
         if resumed is not None:
             console.suggest(*commands_after_flight(folder, resumed.ending, options.words_of(links)))
         console.result(document)
         return INTERRUPTED if resumed is not None and resumed.ending in ENDED_BY_USER else 0
     site, planned = read_planned(folder)
-    outcome, document = fly_run(folder, site, planned.route, link, console, asked)
+    outcome, document = fly_run(folder, site, planned.route, link, console, requested)
     if outcome.ending is Ending.RETURNED and outcome.waypoints_reached < len(planned.route):
         console.say("the vehicle now contains the return mission; use --resume to fly the remaining route")
     console.suggest(*commands_after_flight(folder, outcome.ending, options.words_of(links)))
@@ -259,7 +261,7 @@ class Imitated:
         """Its autopilot, its home, and what kind of vehicle it is.
 
         Raises:
-            InputError: a type, a place or a scenario that cannot be used.
+            InputError: a type, a position or a scenario that cannot be used.
         """
         from mission_io.model.enums import parse_type
         from uavcover.errors import InputError
@@ -272,14 +274,14 @@ class Imitated:
 
         config = MockConfig(system_id=self.system, vehicle_type=parse_type(self.vehicle_type))
         if self.home is not None:
-            return autopilot_name(self.autopilot, "ardupilot"), _place(self.home), config
+            return autopilot_name(self.autopilot, "ardupilot"), _position(self.home), config
         site = load_site(self.scenario)
-        place, vehicle = home_of(site), site.scenario.vehicle
-        if place is None:
+        position, vehicle = home_of(site), site.scenario.vehicle
+        if position is None:
             raise InputError(f"scenario {self.scenario} defines no home on Earth; add --home LAT,LON,ALT_AMSL")
         name = autopilot_name(self.autopilot, vehicle.autopilot)
         settings = Settings.for_vehicle(vehicle, name)
-        return name, place, replace(config, settings=settings, battery=BatteryData.for_vehicle(vehicle))
+        return name, position, replace(config, settings=settings, battery=BatteryData.for_vehicle(vehicle))
 
 
 @dataclass(frozen=True, slots=True)
@@ -307,14 +309,14 @@ class FlightConditions:
 
         if not 0.0 < self.speed < float("inf"):
             raise InputError(f"--speed: must be greater than 0, not {self.speed:g}")
-        ways = {"quick": quick(), "observed": OBSERVED[autopilot.mav_autopilot]}
-        if self.behaviour not in ways:
+        behaviours = {"quick": quick(), "observed": OBSERVED[autopilot.mav_autopilot]}
+        if self.behaviour not in behaviours:
             raise InputError(f"--behaviour: must be quick or observed, not {self.behaviour!r}")
         try:
             return replace(
                 config,
                 speed=self.speed,
-                behaviour=ways[self.behaviour],
+                behaviour=behaviours[self.behaviour],
                 wind=WindModel(speed_m_s=self.wind_m_s, from_deg=self.wind_from_deg, gust_m_s=self.gust_m_s),
                 gps=GpsError(
                     horizontal_m=self.gps_noise_m, vertical_m=1.5 * self.gps_noise_m, latency_s=self.gps_latency_s
@@ -358,7 +360,7 @@ def mock_vehicle(
     from uavcover.mock.vehicle import MockVehicle
 
     console = output.console()
-    name, place, config = imitated.configured()
+    name, position, config = imitated.configured()
     config = conditions.added_to(config, AUTOPILOTS[name])
     config = replace(config, faults=[parse_fault(text) for text in fault or ()])
     used_seed = 0 if seed is None else seed
@@ -366,14 +368,14 @@ def mock_vehicle(
     def tell(port: int) -> None:
         kind = imitated.vehicle_type
         what = "mock vehicle" if kind == "quadrotor" else f"mock {kind}"
-        console.say(f"{name} {what} at {place.lat_deg:.6f}, {place.lon_deg:.6f}, listening on port {port}")
-        console.result({"port": port, "autopilot": name, "type": kind, "lat_deg": place.lat_deg, "lon_deg": place.lon_deg,
-                        "alt_amsl_m": place.alt_amsl_m})  # fmt: skip
+        console.say(f"{name} {what} at {position.lat_deg:.6f}, {position.lon_deg:.6f}, listening on port {port}")
+        console.result({"port": port, "autopilot": name, "type": kind, "lat_deg": position.lat_deg, "lon_deg": position.lon_deg,
+                        "alt_amsl_m": position.alt_amsl_m})  # fmt: skip
 
     with contextlib.ExitStack() as stack:
         vehicle = MockVehicle(
             AUTOPILOTS[name],
-            place,
+            position,
             config,
             rng=np.random.default_rng(used_seed),
             on_truth=None if truth is None else stack.enter_context(TruthFile(truth)),
@@ -385,7 +387,7 @@ def mock_vehicle(
     return 0
 
 
-def _place(text: str) -> "GeoPoint":
+def _position(text: str) -> "GeoPoint":
     """A position given as ``LAT,LON,ALT_AMSL``."""
     from mission_io.model.items import GeoPoint
     from uavcover.errors import InputError

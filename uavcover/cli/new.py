@@ -63,7 +63,7 @@ class PhotoOptions:
             "geoid_height_m": self.geoid_height,
         }  # fmt: skip
 
-    def place(self) -> tuple[float, float] | None:
+    def position(self) -> tuple[float, float] | None:
         """Latitude and longitude of take-off."""
         from uavcover.new.quantities import lat_lon
 
@@ -353,7 +353,7 @@ def new(
     console = output.console()
     if "list" in (survey.camera, survey.vehicle):
         return _list(console, cameras=survey.camera == "list", vehicles=survey.vehicle == "list")
-    from uavcover.new.command import new_scenarios, say_design, say_estimate
+    from uavcover.new.command import new_scenarios, print_design, print_estimate
     from uavcover.new.survey import name_of  # the lists need no planner
     from uavcover.run.user import to_paste
 
@@ -370,8 +370,8 @@ def new(
     _refuse_to_replace(paths, force=force)
     for scenario, file in zip(scenarios, paths, strict=True):
         file.write_text(scenario.text, encoding="utf-8")
-    document = say_design(scenarios[0], console)
-    estimates = [say_estimate(scenario, console) for scenario in scenarios]
+    document = print_design(scenarios[0], console)
+    estimates = [print_estimate(scenario, console) for scenario in scenarios]
     for file in paths:
         console.say(f"wrote {file}")
     console.suggest(*(to_paste("plan", file, "-o", file.stem, "--budget", "60s") for file in paths))

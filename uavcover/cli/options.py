@@ -49,7 +49,7 @@ class Overview(TyperGroup):
 if TYPE_CHECKING:
     from mission_io import SigningKey
     from uavcover.cli.console import Console
-    from uavcover.flight.connect import ClientName, VehicleLink, VehiclePlace
+    from uavcover.flight.connect import ClientName, VehicleAddress, VehicleLink
     from uavcover.flight.orders import OnBreach
 
 Events = Annotated[bool, option("--events", "Write messages and progress to stderr as JSON lines.")]
@@ -244,7 +244,7 @@ class LinkOptions:
     own_system: OwnSystem = 255
     signing_key: SigningKeyFile = None
 
-    def link_at(self, place: "VehiclePlace", *, client: str = "native", link: str = "default") -> "VehicleLink":
+    def link_at(self, address: "VehicleAddress", *, client: str = "native", link: str = "default") -> "VehicleLink":
         """The vehicle at an address.
 
         Raises:
@@ -256,8 +256,8 @@ class LinkOptions:
 
         name = client_name(client, link=link, signed=self.signing_key is not None)
         return VehicleLink(
-            url=place.url, timeout_s=self.timeout_s, timing=link_preset(link).timing,
-            signing_key=signing_key(self.signing_key), client_name=name, system_id=place.system_id,
+            url=address.url, timeout_s=self.timeout_s, timing=link_preset(link).timing,
+            signing_key=signing_key(self.signing_key), client_name=name, system_id=address.system_id,
             component_id=self.component, own_system=self.own_system,
         )  # fmt: skip
 
@@ -270,9 +270,9 @@ class VehicleOptions(LinkOptions):
 
     def link_to(self, url: str, *, client: str = "native", link: str = "default") -> "VehicleLink":
         """The vehicle at ``url``; see :meth:`LinkOptions.link_at`."""
-        from uavcover.flight.connect import VehiclePlace
+        from uavcover.flight.connect import VehicleAddress
 
-        return self.link_at(VehiclePlace(url, self.system), client=client, link=link)
+        return self.link_at(VehicleAddress(url, self.system), client=client, link=link)
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,27 +281,27 @@ class EachVehicleOptions(LinkOptions):
 
     system: SystemEach = None
 
-    def places(self, urls: Sequence[str] | None) -> "list[VehiclePlace]":
+    def addresses(self, urls: Sequence[str] | None) -> "list[VehicleAddress]":
         """Where the vehicles are that ``--to`` and ``--system`` name; empty where no ``--to`` is given.
 
         Raises:
             InputError: they do not fit each other.
         """
-        from uavcover.flight.connect import given_places
+        from uavcover.flight.connect import given_addresses
 
-        return given_places(urls, self.system)
+        return given_addresses(urls, self.system)
 
     def links_at(
-        self, places: "Sequence[VehiclePlace]", *, client: str = "native", link: str = "default"
+        self, addresses: "Sequence[VehicleAddress]", *, client: str = "native", link: str = "default"
     ) -> "list[VehicleLink]":
         """The vehicles at these addresses, vehicle 1 first; those on one link share it. See :meth:`LinkOptions.link_at`."""
         from uavcover.flight.connect import sharing_links
 
-        return sharing_links([self.link_at(self._one(place), client=client, link=link) for place in places])
+        return sharing_links([self.link_at(self._one(address), client=client, link=link) for address in addresses])
 
-    def _one(self, place: "VehiclePlace") -> "VehiclePlace":
+    def _one(self, address: "VehicleAddress") -> "VehicleAddress":
         """The address with the system of ``--system``, where the link is the scenario's."""
-        return place._replace(system_id=self.system[0]) if self.system and len(self.system) == 1 else place
+        return address._replace(system_id=self.system[0]) if self.system and len(self.system) == 1 else address
 
 
 @dataclass(frozen=True, slots=True)
@@ -368,12 +368,12 @@ def names(option: str, text: str | None, known: Iterable[str]) -> list[str]:
     every = list(known)
     if text is None:
         return every
-    asked = listed(text)
-    unknown = [name for name in asked if name not in every]
-    if unknown or not asked:
+    requested = listed(text)
+    unknown = [name for name in requested if name not in every]
+    if unknown or not requested:
         what = f"unknown: {', '.join(map(repr, unknown))}" if unknown else "no name is given"
         raise InputError(f"{option}: {what}; choose from {', '.join(every)}")
-    return [name for name in every if name in asked]
+    return [name for name in every if name in requested]
 
 
 def signing_key(file: Path | None) -> "SigningKey | None":

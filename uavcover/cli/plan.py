@@ -104,7 +104,7 @@ def plan(
     """
     from uavcover.new.quantities import memory_bytes
     from uavcover.planner.command import PlanRequest, plan_into
-    from uavcover.planner.plan_words import upload_in_words
+    from uavcover.planner.plan_messages import upload_text
     from uavcover.run.folder import RunFolder
     from uavcover.run.user import to_paste
 
@@ -121,7 +121,7 @@ def plan(
     )  # fmt: skip
     outcome = plan_into(request, console, check_site=lambda _: None)
     if outcome.document["mission_files"]:
-        upload = upload_in_words(RunFolder(run), outcome.document["fleet"], len(outcome.sorties))
+        upload = upload_text(RunFolder(run), outcome.document["fleet"], len(outcome.sorties))
         console.suggest(upload, to_paste("pareto", run))
     else:
         console.suggest(to_paste("pareto", run))
@@ -161,11 +161,11 @@ def _site(source: str, survey: SurveyOptions, console: "Console", *, autopilot: 
             raise InputError(f"{source}: this is a scenario; use {', '.join(given)} with an area, such as area.kml")
         changed = survey.no_fly or survey.at is not None or survey.trust_dem
         return _with_options(source, survey, console) if changed else source
-    from uavcover.new.command import new_scenario, say_design, say_estimate
+    from uavcover.new.command import new_scenario, print_design, print_estimate
 
     new = new_scenario(survey.request(source, autopilot=autopilot), console, folder=Path())
-    say_design(new, console)
-    say_estimate(new, console)
+    print_design(new, console)
+    print_estimate(new, console)
     return new.site
 
 
@@ -221,14 +221,14 @@ def select(
     from uavcover.errors import InputError
     from uavcover.model.vehicle import autopilot_name
     from uavcover.planner.command import choose
-    from uavcover.planner.plan_files import say_fleet
-    from uavcover.planner.plan_words import (
+    from uavcover.planner.plan_files import print_fleet
+    from uavcover.planner.plan_messages import (
         figures_header,
-        figures_in_words,
-        say_missions,
-        say_older,
-        say_size,
-        upload_in_words,
+        figures_text,
+        print_missions,
+        print_older,
+        print_size,
+        upload_text,
     )
     from uavcover.planner.selection_rule import parse_rule
     from uavcover.run.documents import read_planned
@@ -243,19 +243,19 @@ def select(
     name = autopilot_name(autopilot, site.scenario.vehicle.autopilot)
     with folder.reserved(flown_in(folder), force=force):
         plan, flights, older = choose(folder, site, rule, autopilot=name, command=sys.argv)
-    say_older(console, older)
+    print_older(console, older)
     index = plan.members.index(plan.chosen)
     console.say(figures_header(site.scenario.objective))
-    console.say(figures_in_words(f"index:{index}", plan.chosen, site.scenario.objective))
+    console.say(figures_text(f"index:{index}", plan.chosen, site.scenario.objective))
     sorties = flights if len(flights) > 1 else ()
-    say_missions(console, folder, flights[0].compiled if len(flights) == 1 else None, sorties)
+    print_missions(console, folder, flights[0].compiled if len(flights) == 1 else None, sorties)
     fleet = folder.read_json("plan.json", made_by="uavcover plan")["fleet"]
-    say_fleet(console, fleet)
-    say_size(console, plan)
+    print_fleet(console, fleet)
+    print_size(console, plan)
     if not plan.rule_met:
         console.warn(f"no route meets {plan.rule}; wrote the best one. Lower the requirement, or raise --budget")
     if flights:
-        console.suggest(upload_in_words(folder, fleet, len(sorties)))
+        console.suggest(upload_text(folder, fleet, len(sorties)))
     console.result(
         {
             "run": str(run), "index": index, "rule": plan.rule, "rule_met": plan.rule_met,
@@ -276,8 +276,8 @@ def pareto(
     """List the routes of a plan with coverage, waypoints, length, time and sorties, or draw them."""
     from uavcover.errors import OutputError
     from uavcover.planner.pareto_file import read_pareto
-    from uavcover.planner.plan_words import sizes_by_vehicles_in_words
-    from uavcover.run.documents import bounds_in_words
+    from uavcover.planner.plan_messages import sizes_by_vehicles_text
+    from uavcover.run.documents import bounds_text
     from uavcover.run.folder import RunFolder
     from uavcover.run.user import percent, to_paste
 
@@ -297,7 +297,7 @@ def pareto(
         console.say(
             f"{'*' if member.chosen else ' '}{member.index:>6}{percent(member.coverage_of_coverable):>10}"
             f"{member.waypoint_count:>11}{member.path_length_m:>10.0f} m{member.time_s:>7.0f} s{energy}"
-            f"{_size_in_words(member.mission) if sized else ''}  {member.made_by}"
+            f"{_size_text(member.mission) if sized else ''}  {member.made_by}"
         )
     console.say(
         f"*: the route in plan.json; coverage: of the visible ground{'; energy: in seconds of hovering' if by_energy else ''}"
@@ -308,9 +308,9 @@ def pareto(
             "-: no sorties found, or not computed because the set is large; a rule such as max-coverage,sorties<=3 "
             "evaluates all routes"
         )
-    if line := sizes_by_vehicles_in_words((plan.get("mission") or {}).get("by_vehicles", [])):
+    if line := sizes_by_vehicles_text((plan.get("mission") or {}).get("by_vehicles", [])):
         console.say(line)
-    for line in bounds_in_words(plan.get("bounds", {})):
+    for line in bounds_text(plan.get("bounds", {})):
         console.say(line)
     if plot is not None:
         from uavcover.report.plots import save_pareto_plot
@@ -329,7 +329,7 @@ def pareto(
     return 0
 
 
-def _size_in_words(size: "MissionSize | None") -> str:
+def _size_text(size: "MissionSize | None") -> str:
     """Three columns of the table."""
     if size is None:
         return f"{'-':>9}{'-':>10}{'-':>9}"

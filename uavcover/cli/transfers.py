@@ -121,8 +121,8 @@ def text_of(client: Client, lists: Mapping[MissionType, MissionList], out: Path,
         raise InputError("the vehicle's mission contains invalid items; upload a valid mission first")
     home = mission.home
     if home is None:
-        place = client.request_message(HomePosition)
-        home = GeoPoint(place.lat_deg, place.lon_deg, place.alt_amsl_m)
+        position = client.request_message(HomePosition)
+        home = GeoPoint(position.lat_deg, position.lon_deg, position.alt_amsl_m)
     mission = Mission(home, mission.items)
     fence, rally = lists.get(MissionType.FENCE, Fence()), lists.get(MissionType.RALLY, RallyPoints())
     if not isinstance(fence, Fence) or not isinstance(rally, RallyPoints):
@@ -222,7 +222,7 @@ def upload(
     output: options.Output,
 ) -> int:
     """Upload a mission, fence or rally file, read it back and compare it. The terrain is not checked."""
-    from uavcover.flight.compiled_flight import say_comparison, telling_what_is_held
+    from uavcover.flight.compiled_flight import print_comparison, telling_what_is_held
     from uavcover.flight.connect import connect
     from uavcover.run.user import to_paste
 
@@ -242,7 +242,7 @@ def upload(
             with telling_what_is_held(console), console.progress("uploading") as bar:
                 result = _sent_as_file(client, content, bar.count, in_flight, console) if as_file else None
                 results.append(result or client.upload_and_verify(content, progress=bar.count, in_flight=in_flight))
-            say_comparison(console, results[-1])
+            print_comparison(console, results[-1])
     passed = all(result.passed for result in results)
     if passed:
         console.suggest(to_paste("download", "--from", to, "-o", "FILE"))
@@ -332,13 +332,13 @@ def plan_upload(
 
     # A bad link or key is known before an hour of planning.
     is_run = Path(source).is_dir()
-    given = vehicle.places(to)
-    places = (
+    given = vehicle.addresses(to)
+    addresses = (
         links_of_run(RunFolder(source), given, sortie=sortie)
         if is_run
         else links_of_scenario(source, given, sortie=sortie)
     )
-    links = vehicle.links_at(places, client=vehicle.client, link=vehicle.link)
+    links = vehicle.links_at(addresses, client=vehicle.client, link=vehicle.link)
     if len(links) > 1 and sortie is not None:
         raise InputError(
             "--sortie cannot be combined with more than one --to: each vehicle gets its own first sortie; remove --sortie"

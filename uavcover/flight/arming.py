@@ -124,12 +124,12 @@ def wait_until_ready(session: Session) -> None:
         FlightFaultError: it does not get ready; the message names what is missing.
     """
     session.tell(EventKind.STAGE, "waiting until the vehicle is ready")
-    asked = _Reasons(session)
+    requested = _Reasons(session)
 
     def ready() -> bool:
         lacks = missing(session)
         if lacks:
-            asked.ask()
+            requested.ask()
         return not lacks
 
     session.wait(
@@ -195,7 +195,7 @@ def check_home(session: Session, plan: FlightPlan) -> None:
     check_home_position(session, plan)
     here = session.monitor.latest(m.GlobalPositionInt)
     if here is not None:
-        _check_place(plan, "position", GeoPoint(here.lat_deg, here.lon_deg, here.alt_amsl_m))
+        _check_position(plan, "position", GeoPoint(here.lat_deg, here.lon_deg, here.alt_amsl_m))
 
 
 def check_home_position(session: Session, plan: FlightPlan) -> None:
@@ -205,7 +205,7 @@ def check_home_position(session: Session, plan: FlightPlan) -> None:
         VehicleError: it is too far away, over ground or in height.
     """
     home = session.client.request_message(m.HomePosition)
-    _check_place(plan, "home", GeoPoint(home.lat_deg, home.lon_deg, home.alt_amsl_m))
+    _check_position(plan, "home", GeoPoint(home.lat_deg, home.lon_deg, home.alt_amsl_m))
     most_m = plan.max_home_error_m
     if plan.ground_alt_amsl_m is not None and abs(home.alt_amsl_m - plan.ground_alt_amsl_m) > most_m:
         raise VehicleError(
@@ -215,12 +215,12 @@ def check_home_position(session: Session, plan: FlightPlan) -> None:
         )
 
 
-def _check_place(plan: FlightPlan, name: str, place: GeoPoint) -> None:
+def _check_position(plan: FlightPlan, name: str, position: GeoPoint) -> None:
     frame = LocalFrame(plan.home.lat_deg, plan.home.lon_deg, plan.home.alt_amsl_m)
     most_m = plan.max_home_error_m
-    east, north, up = frame.enu_from_geodetic(place.lat_deg, place.lon_deg, place.alt_amsl_m)[0].tolist()
+    east, north, up = frame.enu_from_geodetic(position.lat_deg, position.lon_deg, position.alt_amsl_m)[0].tolist()
     aside_m = math.hypot(east, north)
-    where = f"the vehicle's {name} (latitude {place.lat_deg:.7f}, longitude {place.lon_deg:.7f})"
+    where = f"the vehicle's {name} (latitude {position.lat_deg:.7f}, longitude {position.lon_deg:.7f})"
     if aside_m > most_m:
         raise VehicleError(
             f"{where} is {aside_m:.1f} m from the planned home, but max_home_error_m is {most_m:g}, so the vehicle "
@@ -228,7 +228,7 @@ def _check_place(plan: FlightPlan, name: str, place: GeoPoint) -> None:
         )
     if abs(up) > most_m:
         raise VehicleError(
-            f"{where} is at {place.alt_amsl_m:.1f} m above sea level, {abs(up):.1f} m "
+            f"{where} is at {position.alt_amsl_m:.1f} m above sea level, {abs(up):.1f} m "
             f"{'above' if up > 0 else 'below'} the planned home, but max_home_error_m is {most_m:g}, so the vehicle "
             "was not armed: all heights above home would be wrong by this amount"
         )
@@ -341,18 +341,18 @@ class _ArmingTimeout:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._asked_count = len(session.monitor.terrain_asked)
+        self._requested_count = len(session.monitor.terrain_requested)
         self._any = Timer(session, session.timeouts.arm_s)
         self._terrain = Timer(session, session.timeouts.terrain_s)
 
     @property
     def over(self) -> bool:
         """Whether the next refusal is the last."""
-        asked_count = len(self._session.monitor.terrain_asked)
-        if asked_count > self._asked_count:
-            self._asked_count = asked_count
+        requested_count = len(self._session.monitor.terrain_requested)
+        if requested_count > self._requested_count:
+            self._requested_count = requested_count
             self._terrain.restart()
-        lacks_terrain = asked_count > 0 and _LACKS_TERRAIN in self._session.recent_warnings
+        lacks_terrain = requested_count > 0 and _LACKS_TERRAIN in self._session.recent_warnings
         return self._any.over and not (lacks_terrain and not self._terrain.over)
 
 

@@ -147,7 +147,7 @@ def record_flight(
         except FlightFailedError as error:
             reserve.release()
             ended = error.outcome
-            _say_incidents(error.outcome, log, user)
+            _print_incidents(error.outcome, log, user)
             if log.sample_count:
                 user.say(
                     f"kept {counted(log.sample_count, 'sample')} in {run.file('track.csv')}; use fly --resume to continue"
@@ -162,7 +162,7 @@ def record_flight(
             log.close()
             _seal(run, log, ended, options, user)
             _keep_recording(run, site, route, log, user)
-    _say_incidents(outcome, log, user)
+    _print_incidents(outcome, log, user)
     if log.error is not None:
         raise log.error
     document = {
@@ -177,7 +177,7 @@ def record_flight(
     return outcome, document
 
 
-def _say_incidents(outcome: FlightOutcome, log: FlightLog, user: User) -> None:
+def _print_incidents(outcome: FlightOutcome, log: FlightLog, user: User) -> None:
     """Print every incident, also those without consequence, with its time since the take-off and its evidence."""
     for incident in outcome.incidents:
         begin_s, end_s = (None if at is None else log.flown_s(at) for at in (incident.begin_s, incident.end_s))
@@ -226,7 +226,7 @@ def _write_recording(run: RunFolder, site: Site, route: Route, log: FlightLog, u
         flown = flown_coverage(coverage, track, PlannedRoute(route.waypoints_m, 0.0))
         write_recording(
             run.file("flight.rrd"), coverage=coverage, planned=route, track=track,
-            first_seen_s=flown.first_seen_s,
+            first_observed_s=flown.first_observed_s,
             events=log.recorded_events, states=log.states,
         )  # fmt: skip
     note_files(run, "record", ["flight.rrd"], command=sys.argv)
@@ -267,7 +267,7 @@ def resume_run(
                     options=replace(options, force=False, took_off_s=up_since_s),
                 )  # fmt: skip
         unfinished = find_unfinished(run, site)
-        _say(unfinished, user)
+        _print(unfinished, user)
         if unfinished.complete:
             return None, {"run": str(run), "ending": None, "waypoints_left": 0}
         folder, route = unfinished.folder, unfinished.route
@@ -308,7 +308,7 @@ def commands_after_flight(run: RunFolder, ending: Ending, to: Sequence[object]) 
     if ending is Ending.NOT_FLOWN:
         return [to_paste("fly", run, *to, "--force")]
     if ending in _LEFT_SOMETHING:
-        return [to_paste("fly", run, "--resume", *to), *_verify_in_words(run)]
+        return [to_paste("fly", run, "--resume", *to), *_verify_command(run)]
     whole = whole_run(run)
     for number, sortie in enumerate(whole.sorties(), start=1):
         if not sortie.file(TRACK).is_file():
@@ -316,10 +316,10 @@ def commands_after_flight(run: RunFolder, ending: Ending, to: Sequence[object]) 
             # that one gets its mission at its start
             upload = [] if "mock:" in to else [to_paste("plan-upload", *words)]
             return [*upload, to_paste("fly", *words)]
-    return _verify_in_words(run)
+    return _verify_command(run)
 
 
-def _verify_in_words(run: RunFolder) -> list[str]:
+def _verify_command(run: RunFolder) -> list[str]:
     """Command that verifies a flight, together with the others of its run or the flight whose gaps it closes."""
     of_gaps = run.path.name == GAP_FOLDER and RunFolder(run.path.parent).file("plan.json").is_file()
     if not of_gaps:
@@ -331,7 +331,7 @@ def _verify_in_words(run: RunFolder) -> list[str]:
     return [to_paste("verify", flown, *(word for track in tracks for word in ("--log", track)))]
 
 
-def _say(unfinished: Unfinished, user: User) -> None:
+def _print(unfinished: Unfinished, user: User) -> None:
     count, number = len(unfinished.planned.route), unfinished.broken.waypoint
     if unfinished.complete:
         user.say(f"all {count} waypoints of {unfinished.flown} were flown; there is nothing to resume")

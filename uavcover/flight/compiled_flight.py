@@ -33,7 +33,7 @@ from uavcover.flight.orders import (
 )
 from uavcover.flight.session import Session
 from uavcover.missions.mission_compiler import CompiledMission, compile_mission, compile_return
-from uavcover.missions.objectives import way_home
+from uavcover.missions.objectives import return_path
 from uavcover.model.route import Route
 from uavcover.model.track import FlightOutcome
 from uavcover.run.folder import SCHEMA_VERSION, RunFolder
@@ -130,7 +130,7 @@ def send_and_compare(
     run.write_json(UPLOAD_FILE, document)
     note_files(run, "upload", [UPLOAD_FILE], command=sys.argv)
     for result in results:
-        say_comparison(user, result)
+        print_comparison(user, result)
     for words in return_warnings(compiled.own_returns.advice(read_return_parameters(_silent_session(vehicle)))):
         user.warn(words)
     user.say(
@@ -147,30 +147,30 @@ def telling_what_is_held(user: User) -> Iterator[None]:
         yield
     except TransferInterrupted as interrupted:
         user.warn(str(interrupted.outcome))
-        _say_items(interrupted.outcome, user)
+        _print_items(interrupted.outcome, user)
         raise
     except TransferError as error:
-        _say_items(error, user)
+        _print_items(error, user)
         raise
 
 
-def _say_items(error: TransferError, user: User) -> None:
+def _print_items(error: TransferError, user: User) -> None:
     if error.vehicle_holds == "unchanged" or not error.held_items:
         return
     for number, item in enumerate(error.held_items[: PREPARATION.shown_items]):
-        place = (
+        position = (
             f" at {item.lat_deg:.7f}, {item.lon_deg:.7f}, {item.alt_m:g} m {item.frame.name}"
             if item.has_position
             else ""
         )
-        user.warn(f"now on the vehicle: {number}: {name_of(item.command)}{place}")
+        user.warn(f"now on the vehicle: {number}: {name_of(item.command)}{position}")
     if len(error.held_items) > PREPARATION.shown_items:
         user.warn(
             f"also on the vehicle: {counted(len(error.held_items) - PREPARATION.shown_items, 'item')}; see download"
         )
 
 
-def say_comparison(user: User, result: ReadBack) -> None:
+def print_comparison(user: User, result: ReadBack) -> None:
     """Report the differences of the read-back, and warn of those that change the meaning."""
     name = result.mission_type.name.lower()
     if not result.differences:
@@ -218,7 +218,7 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
             camera_turns=site.scenario.sensor.turns_with_vehicle,
             longest_flight_s=site.scenario.vehicle.longest_flight_s,
             vehicle=site.scenario.vehicle,
-            way_home_s=lambda place_m: way_home(site, place_m)[1],
+            return_s=lambda position_m: return_path(site, position_m)[1],
         ),
     )
 

@@ -15,7 +15,7 @@ from mission_io.errors import TransferSilentError, VehicleSilentError
 from mission_io.links.opening import LoggedLink, SharedLink, open_link
 from mission_io.model.items import GeoPoint
 from mission_io.model.plain_text import counted
-from mission_io.protocol.terrain import Heights, Place, TerrainAnswers
+from mission_io.protocol.terrain import Heights, Position, TerrainAnswers
 from mission_io.protocol.timing import Timing
 from mission_io.wire.messages import AutopilotVersion, ExtendedSysState, GlobalPositionInt
 from uavcover.errors import InputError, TerrainError
@@ -116,18 +116,18 @@ def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint |
     for name, value in (("timeout", at.timeout_s), ("mock speed", at.mock_speed)):
         if not 0.0 < value < float("inf"):
             raise InputError(f"{name}: must be greater than 0, not {value:g}")
-    place = home or (None if site is None else home_of(site)) or GeoPoint(0.0, 0.0, 0.0)
+    position = home or (None if site is None else home_of(site)) or GeoPoint(0.0, 0.0, 0.0)
     name = "ardupilot" if site is None else site.scenario.vehicle.autopilot
     settings = Settings() if site is None else Settings.for_vehicle(site.scenario.vehicle)
     battery = BatteryData() if site is None else BatteryData.for_vehicle(site.scenario.vehicle)
     endpoint = mock_endpoint(
         lambda: MockVehicle(
-            AUTOPILOTS[name], place, MockConfig(settings=settings, battery=battery, speed=at.mock_speed)
+            AUTOPILOTS[name], position, MockConfig(settings=settings, battery=battery, speed=at.mock_speed)
         ),
         speed=at.mock_speed,
     )
-    share = None if at.shared is None or at.system_id is None else at.shared.share(at.system_id)
-    link = LoggedLink(open_link(at.url, schemes={"mock": endpoint}) if share is None else share)
+    view = None if at.shared is None or at.system_id is None else at.shared.view(at.system_id)
+    link = LoggedLink(open_link(at.url, schemes={"mock": endpoint}) if view is None else view)
     if at.client_name != "native":
         client, monitor = load("uavcover.clients", at.client_name).open_client(link, own_system=at.own_system)
     else:
@@ -135,7 +135,7 @@ def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint |
     with client:
         if at.signing_key is not None:
             # Who receives them keeps the time of the last message for each link id: clients in parallel need their own.
-            client.sign_with(at.signing_key, link_id=0 if share is None or at.system_id is None else at.system_id)
+            client.sign_with(at.signing_key, link_id=0 if view is None or at.system_id is None else at.system_id)
         vehicle = client.wait_for_vehicle(at.timeout_s, system_id=at.system_id, component_id=at.component_id)
         monitor.listen_to(vehicle.address)
         if site is not None:
@@ -193,13 +193,13 @@ def heights_of_files(source: TerrainSource, vertical_datum: str, say: Callable[[
         say: receives the reason when the files are unreadable.
     """
 
-    def heights_amsl_m(places: Sequence[Place]) -> Sequence[float]:
-        lat_deg, lon_deg = np.array(places, dtype=float).reshape(-1, 2).T
+    def heights_amsl_m(positions: Sequence[Position]) -> Sequence[float]:
+        lat_deg, lon_deg = np.array(positions, dtype=float).reshape(-1, 2).T
         try:
             return [float(height) for height in read_heights_amsl_m(source, vertical_datum, lat_deg, lon_deg)]
         except TerrainError as error:
             say(f"cannot send terrain heights to the vehicle: {error}")
-            return [float("nan")] * len(places)
+            return [float("nan")] * len(positions)
 
     return heights_amsl_m
 
@@ -216,8 +216,8 @@ def heights_of_site(site: Site, say: Callable[[str], None]) -> Heights | None:
             return ground
         return _higher(ground, heights_of_files(source, terrain.surface_vertical_datum or terrain.vertical_datum, say))
 
-    def heights_amsl_m(places: Sequence[Place]) -> Sequence[float]:
-        heights = [site.ground_alt_amsl_m(*place) for place in places]
+    def heights_amsl_m(positions: Sequence[Position]) -> Sequence[float]:
+        heights = [site.ground_alt_amsl_m(*position) for position in positions]
         return [float("nan") if height is None else height for height in heights]
 
     return heights_amsl_m
@@ -226,8 +226,8 @@ def heights_of_site(site: Site, say: Callable[[str], None]) -> Heights | None:
 def _higher(ground: Heights, surface: Heights) -> Heights:
     """The higher of both; unknown where the surface is."""
 
-    def heights_amsl_m(places: Sequence[Place]) -> Sequence[float]:
-        low, high = np.array(ground(places), dtype=float), np.array(surface(places), dtype=float)
+    def heights_amsl_m(positions: Sequence[Position]) -> Sequence[float]:
+        low, high = np.array(ground(positions), dtype=float), np.array(surface(positions), dtype=float)
         return [float(height) for height in np.where(np.isfinite(low), np.maximum(low, high), high)]
 
     return heights_amsl_m
@@ -250,20 +250,20 @@ def is_in_the_air(vehicle: Connected) -> bool:
         client.request_message(GlobalPositionInt)
         client.poll(_ASK_AGAIN_S)
     proved = monitor.on_ground
-    return client.vehicle.armed and not (monitor.ground.says_landed if proved is None else proved)
+    return client.vehicle.armed and not (monitor.ground.reports_landed if proved is None else proved)
 
 
 # Addresses of the vehicles of a command: from its options, or from the vehicles' scenario.
 
 
-class VehiclePlace(NamedTuple):
+class VehicleAddress(NamedTuple):
     """Where a vehicle is."""
 
     url: str  # its link
     system_id: int | None = None  # which one on it; None where it is the only one
 
 
-def given_places(urls: Sequence[str] | None, systems: Sequence[int] | None) -> list[VehiclePlace]:
+def given_addresses(urls: Sequence[str] | None, systems: Sequence[int] | None) -> list[VehicleAddress]:
     """The vehicles that ``--to`` and ``--system`` name, vehicle 1 first; empty where no ``--to`` is given.
 
     One link with several systems is that of all of them; one system is that of each link.
@@ -284,33 +284,33 @@ def given_places(urls: Sequence[str] | None, systems: Sequence[int] | None) -> l
     count = max(len(urls), len(systems))
     all_urls = [*urls] if len(urls) == count else [*urls] * count
     all_systems = [*systems] if len(systems) == count else [*systems, None][:1] * count
-    places = [VehiclePlace(url, system) for url, system in zip(all_urls, all_systems, strict=True)]
-    require_different(places)
-    return places
+    addresses = [VehicleAddress(url, system) for url, system in zip(all_urls, all_systems, strict=True)]
+    require_different(addresses)
+    return addresses
 
 
-def require_different(places: Sequence[VehiclePlace]) -> None:
+def require_different(addresses: Sequence[VehicleAddress]) -> None:
     """Refuse two vehicles at one address; each ``mock:`` is a vehicle of its own.
 
     Raises:
         InputError: two have the same address, or share one link and one system id.
     """
-    for number, (url, system_id) in enumerate(places):
-        on_it = [] if url.startswith("mock:") else [place for place in places[:number] if place.url == url]
-        if any(None in (system_id, place.system_id) for place in on_it):
+    for number, (url, system_id) in enumerate(addresses):
+        on_it = [] if url.startswith("mock:") else [address for address in addresses[:number] if address.url == url]
+        if any(None in (system_id, address.system_id) for address in on_it):
             raise InputError(
                 f"--to: {url} is used {1 + len(on_it)} times; each vehicle needs its own link, or its own --system on that link"
             )
-        if VehiclePlace(url, system_id) in on_it:
+        if VehicleAddress(url, system_id) in on_it:
             raise InputError(f"--system: {system_id} at {url} is used twice; each vehicle needs its own system ID")
 
 
-def links_of_run(run: RunFolder, given: Sequence[VehiclePlace], *, sortie: int | None) -> list[VehiclePlace]:
+def links_of_run(run: RunFolder, given: Sequence[VehicleAddress], *, sortie: int | None) -> list[VehicleAddress]:
     """The given addresses, or those that the scenario of a run names.
 
     Args:
         run: with a plan.
-        given: by :func:`given_places`.
+        given: by :func:`given_addresses`.
         sortie: number of the one that is meant; None: all of the run.
 
     Raises:
@@ -326,10 +326,10 @@ def links_of_run(run: RunFolder, given: Sequence[VehiclePlace], *, sortie: int |
     vehicle = (scenario.vehicles or (scenario.vehicle,))[0]
     if vehicle.link is None:
         raise InputError(f"--to is missing, and the vehicle of {folder} has no link in its scenario; specify --to")
-    return [VehiclePlace(vehicle.link, vehicle.system_id)]
+    return [VehicleAddress(vehicle.link, vehicle.system_id)]
 
 
-def links_of_scenario(source: str, given: Sequence[VehiclePlace], *, sortie: int | None) -> list[VehiclePlace]:
+def links_of_scenario(source: str, given: Sequence[VehicleAddress], *, sortie: int | None) -> list[VehicleAddress]:
     """The same for a scenario that is not planned yet, a file or a bundled one.
 
     Raises:
@@ -346,7 +346,7 @@ def links_of_scenario(source: str, given: Sequence[VehiclePlace], *, sortie: int
     return list(given)
 
 
-def _links_of(scenario: Scenario) -> list[VehiclePlace]:
+def _links_of(scenario: Scenario) -> list[VehicleAddress]:
     """The links of the vehicles of a scenario, vehicle 1 first. Raises InputError: one is missing."""
     if not scenario.vehicles:
         if scenario.vehicle.link is None:
@@ -356,11 +356,13 @@ def _links_of(scenario: Scenario) -> list[VehiclePlace]:
                 f"--to is missing, and [vehicle] has one link for {scenario.fleet.vehicles} vehicles; use --to for "
                 "each, or a [[vehicle]] with its own link for each"
             )
-        return [VehiclePlace(scenario.vehicle.link, scenario.vehicle.system_id)]
+        return [VehicleAddress(scenario.vehicle.link, scenario.vehicle.system_id)]
     missing = [number for number, vehicle in enumerate(scenario.vehicles, start=1) if vehicle.link is None]
     if missing:
         raise InputError(
             f"--to is missing, and [[vehicle]] number {missing[0]} has no link; use --to for each vehicle, or add a "
             "link to each [[vehicle]]"
         )
-    return [VehiclePlace(vehicle.link, vehicle.system_id) for vehicle in scenario.vehicles if vehicle.link is not None]
+    return [
+        VehicleAddress(vehicle.link, vehicle.system_id) for vehicle in scenario.vehicles if vehicle.link is not None
+    ]

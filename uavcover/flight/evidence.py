@@ -71,7 +71,7 @@ class Evidence:
     def __init__(self, client: Client, monitor: Monitor) -> None:
         self._client, self._monitor = client, monitor
         self._gap_ended_s = monitor.gap_ended_at_s
-        self._asked_s: dict[int, float] = {}
+        self._requested_s: dict[int, float] = {}
         self._ask_at_s = -math.inf
         self._shortest_s, self._latest_s, self._answered_at_s = math.inf, 0.0, -math.inf
         self._proved_at_s: float | None = self._gap_ended_s
@@ -131,7 +131,7 @@ class Evidence:
         if self._complete:
             return
         if self._proved_at_s is None:
-            since_gap = (arrived_s for arrived_s, asked_s in answers if asked_s >= self._gap_ended_s)
+            since_gap = (arrived_s for arrived_s, requested_s in answers if requested_s >= self._gap_ended_s)
             self._proved_at_s = next(since_gap, now if now - self._gap_ended_s > EVIDENCE.unanswered_s else None)
         if self._proved_at_s is None:
             return
@@ -144,22 +144,22 @@ class Evidence:
 
     def _ask(self, now: float) -> None:
         number = round(now * 1e9) or 1
-        self._asked_s[number] = now
-        while len(self._asked_s) > EVIDENCE.remembered:
-            del self._asked_s[next(iter(self._asked_s))]
+        self._requested_s[number] = now
+        while len(self._requested_s) > EVIDENCE.remembered:
+            del self._requested_s[next(iter(self._requested_s))]
         overdue = self._proved_at_s is None or self._behind
         self._ask_at_s = now + (EVIDENCE.ask_again_s if overdue else EVIDENCE.ask_s)
-        self._client.send(m.TimeSync(answered_ns=0, asked_ns=number))
+        self._client.send(m.TimeSync(answered_ns=0, requested_ns=number))
 
     def _take_answers(self) -> list[tuple[float, float]]:
         """The answers to questions of ours since the last look: when each arrived, and when it was requested."""
         answers = []
         while self._monitor.time_answers:
             arrived_s, answer = self._monitor.time_answers.popleft()
-            asked_s = self._asked_s.get(answer.asked_ns)
-            if asked_s is not None:
-                answers.append((arrived_s, asked_s))
-                self._latest_s, self._answered_at_s = arrived_s - asked_s, arrived_s
+            requested_s = self._requested_s.get(answer.requested_ns)
+            if requested_s is not None:
+                answers.append((arrived_s, requested_s))
+                self._latest_s, self._answered_at_s = arrived_s - requested_s, arrived_s
                 self._shortest_s = min(self._shortest_s, self._latest_s)
         return answers
 
@@ -217,7 +217,7 @@ class Sign:
     text: str  # what was reported, as text
     at_s: float  # when, on the link's clock
     time_s: float | None  # vehicle time when it began; None if unknown
-    seen_s: float | None  # vehicle time when it was seen last; None if unknown
+    observed_s: float | None  # vehicle time when it was seen last; None if unknown
 
     def __str__(self) -> str:
         """For people."""
@@ -264,8 +264,8 @@ class Causes:
         """Take note of an event of PX4."""
         if event.event_id == _PILOT_EVENT:
             self._pilot = self._sign(Ending.PILOT_TOOK_OVER, "event: a pilot took over with the sticks")
-        place = _FAILSAFE_EVENTS.get(event.event_id)
-        if place is not None and (known := _EVENT_CAUSES.get(event.arguments[place])) is not None:
+        position = _FAILSAFE_EVENTS.get(event.event_id)
+        if position is not None and (known := _EVENT_CAUSES.get(event.arguments[position])) is not None:
             self._note(known[0], f"event: failsafe, caused by {known[1]}")
 
     def look(self) -> None:
@@ -335,9 +335,9 @@ class Causes:
     def _age_s(self, sign: Sign) -> float:
         """Since it was seen last; a simulated vehicle's time may pass a hundred times as fast as the link's."""
         now_s = self._monitor.time_s
-        if now_s is None or sign.seen_s is None:
+        if now_s is None or sign.observed_s is None:
             return self._client.clock.now() - sign.at_s
-        return now_s - sign.seen_s
+        return now_s - sign.observed_s
 
     def _look_for_jump(self) -> None:
         before, here = self._before, self._monitor.latest(m.GlobalPositionInt)
@@ -359,9 +359,9 @@ class Causes:
 
     def _last(self, cause: Ending, text: str) -> None:
         """Note a state that lasts: its beginning is kept, and that it is still so."""
-        known, seen = self._lasting.get(cause), self._sign(cause, text)
+        known, found = self._lasting.get(cause), self._sign(cause, text)
         lasts = known is not None and known.text == text and self._age_s(known) <= WATCH.sign_within_s
-        self._lasting[cause] = replace(seen, time_s=known.time_s) if lasts and known is not None else seen
+        self._lasting[cause] = replace(found, time_s=known.time_s) if lasts and known is not None else found
 
 
 _ACTED_ON = (

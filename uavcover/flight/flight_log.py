@@ -222,7 +222,7 @@ class FlightLog:
             flown_s = self.flown_s(event.time_s)
             line = f"  {'' if flown_s is None else f'{flown_s:.1f} s '}{event.text}"
             if event.limits:
-                self._user.say_limits(line, event.limits)
+                self._user.show_limits(line, event.limits)
             else:
                 self._user.say(line)
 

@@ -49,7 +49,7 @@ def follow_mission(
     """
     schedule, photos = FlightSchedule(session, plan, progress), PhotoWatch(session, plan, progress)
     must_go_home = schedule.must_go_home if must_go_home is None else must_go_home
-    places, falls = VolumeWatch(session, plan.volume, progress), FallWatch(session, plan)
+    positions, falls = VolumeWatch(session, plan.volume, progress), FallWatch(session, plan)
     stuck_s = session.timeouts.stuck_s + longest_wait_s(plan)
     follower = Follower(session, stuck_s, stops_before=0, pause=session.pause, progress=progress)
 
@@ -57,7 +57,7 @@ def follow_mission(
         progress.update()
         if not session.monitor.on_ground:
             falls.look()
-            places.look(on_route=follower.in_mission or follower.holds)
+            positions.look(on_route=follower.in_mission or follower.holds)
 
     guard = MissionGuard(session, plan, progress, meanwhile)
 
@@ -68,7 +68,7 @@ def follow_mission(
         if aloft and follower.in_mission:
             guard.look()
         elif aloft and (follower.holds or follower.mode_is_unknown):
-            guard.look_at_place()
+            guard.look_at_position()
         meanwhile()
         photos.look()
         if aloft and follower.is_ours:
@@ -122,7 +122,7 @@ def follow_home(
             preconditions.look(lambda: None)
         if progress is not None and guard is not None and (follower.in_mission or follower.mode_is_unknown):
             progress.update()
-            (guard.look if follower.in_mission else guard.look_at_place)()
+            (guard.look if follower.in_mission else guard.look_at_position)()
         follower.react()
 
     fallen = _follow_to_the_ground(session, follower, look)
@@ -217,7 +217,7 @@ def _judge(session: Session, plan: FlightPlan, progress: MissionProgress, follow
         raise FlightFaultError(lasting, f"{watch.text_of(lasting)}; {how} after {flown}")
     raise FlightFaultError(
         Ending.ENDED_EARLY,
-        f"the vehicle landed and disarmed after {flown}, in {session.mode_name}{follower.unseen}{session.recent_warnings}",
+        f"the vehicle landed and disarmed after {flown}, in {session.mode_name}{follower.unobserved}{session.recent_warnings}",
     )
 
 
@@ -230,7 +230,7 @@ def _fallen(session: Session, follower: Follower) -> str | None:
     began_s = session.client.clock.now()
     while not (monitor.on_ground or timer.over or session.client.clock.now() - began_s > FOLLOWING.comes_to_rest_s):
         session.listen(FOLLOWING.look_s)
-        settled = monitor.ground.is_still(monitor.time_s) and monitor.ground.says_landed is not False
+        settled = monitor.ground.is_still(monitor.time_s) and monitor.ground.reports_landed is not False
         if settled:
             break
     fall = monitor.ground.fall(follower.last_armed_s, monitor.time_s)
@@ -250,7 +250,7 @@ def longest_wait_s(plan: FlightPlan) -> float:
     return max((i.params[0] for i in plan.mission.items if i.command in waiting and i.params[0] > 0.0), default=0.0)
 
 
-_ASKED = "the user stopped the flight a second time"
+_REQUESTED = "the user stopped the flight a second time"
 
 PlanReturn = Callable[[float, float, float], Mission]
 """Plans a mission home with checked legs from latitude, longitude (degrees) and height above sea level (metres)."""
@@ -305,7 +305,7 @@ def return_home(
         TakenOverError: something else has the vehicle, or its state stays unknown.
         FlightFaultError: the vehicle is gone, or does something else.
     """
-    for _ in range(FOLLOWING.most_ways_home):
+    for _ in range(FOLLOWING.most_returns):
         try:
             sent = _send(session, _hold_and_plan(session, plan_return, stops, clear), stops, preconditions)
         except _LeftHoldingError as left:
@@ -321,13 +321,13 @@ def return_home(
                 return True
             if stop.cause is None:
                 hold(session)
-                return _leave(session, _ASKED)
+                return _leave(session, _REQUESTED)
             why = session.watch.text_of(stop.cause)
             session.tell(EventKind.STOP, f"planning the return again: {why}")
         else:
             return True
     hold(session)
-    return _leave(session, f"the return was interrupted {FOLLOWING.most_ways_home} times, most recently because {why}")
+    return _leave(session, f"the return was interrupted {FOLLOWING.most_returns} times, most recently because {why}")
 
 
 def _hold_and_plan(session: Session, plan_return: PlanReturn, stops: int, clear: Callable[[Mission], bool]) -> Mission:
@@ -341,7 +341,7 @@ def _hold_and_plan(session: Session, plan_return: PlanReturn, stops: int, clear:
             raise
         session.alarm(f"{error}; returning anyway")  # as in a strong wind
     if session.stop() > stops:
-        raise _LeftHoldingError(_ASKED)
+        raise _LeftHoldingError(_REQUESTED)
     here = session.monitor.latest(m.GlobalPositionInt)
     if here is None:
         raise FlightFaultError(Ending.POSITION_LOST, "the vehicle does not report its position; it continues to hold")
@@ -354,7 +354,7 @@ def _hold_and_plan(session: Session, plan_return: PlanReturn, stops: int, clear:
         session.tell(EventKind.STOP, "the vehicle holds until its return is clear of other vehicles")
     while not is_clear:
         if session.stop() > stops:
-            raise _LeftHoldingError(_ASKED)
+            raise _LeftHoldingError(_REQUESTED)
         session.pump()
         session.require_obedience([hold_mode(session)])
         try:
@@ -382,7 +382,7 @@ def _send(session: Session, mission: Mission, stops: int, preconditions: Precond
     if not checked.passed:
         raise _LeftHoldingError("the mission read back from the vehicle differs from the return")
     if session.stop() > stops:
-        raise _LeftHoldingError(_ASKED)
+        raise _LeftHoldingError(_REQUESTED)
     return mission
 
 

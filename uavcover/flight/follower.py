@@ -54,7 +54,7 @@ class Follower:
         self._stillness = Stillness(session, stuck_s)
         self._elsewhere = Stillness(session, session.timeouts.override_s)
         self._landed: Timer | None = None
-        self._told_to_disarm = self._record_goes_on = self._told_to_wait = False
+        self._ordered_to_disarm = self._record_goes_on = self._ordered_to_wait = False
         self._hold: HoldWatch | None = None
         self._lands_for: Ending | None = None
         self._holds_for: dict[Ending, int] = {}
@@ -116,7 +116,7 @@ class Follower:
         return self._override.text
 
     @property
-    def unseen(self) -> str:
+    def unobserved(self) -> str:
         """The gap in which the flight ended, as the end of a clause; empty where its end was seen."""
         monitor = self._session.monitor
         if monitor.gap_ended_at_s <= self._known_until_s:
@@ -317,8 +317,8 @@ class Follower:
                 "remains in control",
             )
         if self.cause is None:
-            if not self._told_to_wait:
-                self._told_to_wait = True
+            if not self._ordered_to_wait:
+                self._ordered_to_wait = True
                 session.tell(
                     EventKind.STOP,
                     f"{why}; uavcover commands the vehicle to return as soon as it reports its mission; press Ctrl-C "
@@ -395,11 +395,11 @@ class Follower:
                 )
             if not session.evidence.current:
                 return
-            if self._told_to_disarm:
+            if self._ordered_to_disarm:
                 raise FlightFaultError(
                     Ending.STAYED_ARMED, f"the vehicle has landed but is still armed{session.recent_warnings}"
                 )
-            self._told_to_disarm = True
+            self._ordered_to_disarm = True
             ours = [Mode.MISSION, Mode.LAND, Mode.HOLD, hold_mode(session)]
             try:
                 session.steer(lambda: send_disarm(session), while_in=ours)
@@ -416,11 +416,11 @@ class Stillness:
         self.timeout_s = timeout_s
         self._session = session
         self._timer = Timer(session, timeout_s)
-        self._seen: tuple[int, m.GlobalPositionInt] | None = None
+        self._observed: tuple[int, m.GlobalPositionInt] | None = None
 
     def restart(self) -> None:
         """Begin anew."""
-        self._seen = None
+        self._observed = None
         self._timer.restart()
 
     @property
@@ -432,14 +432,18 @@ class Stillness:
         if position is None or age_s > session.timeouts.deadman_s:
             self.restart()
             return False
-        if self._seen is None or self._seen[0] != monitor.current_seq or self._moved_m(position) > FOLLOWING.moved_m:
-            self._seen = (monitor.current_seq, position)
+        if (
+            self._observed is None
+            or self._observed[0] != monitor.current_seq
+            or self._moved_m(position) > FOLLOWING.moved_m
+        ):
+            self._observed = (monitor.current_seq, position)
             self._timer.restart()
         return self._timer.over
 
     def _moved_m(self, here: m.GlobalPositionInt) -> float:
-        if self._seen is None:
+        if self._observed is None:
             return 0.0
-        before = self._seen[1]
+        before = self._observed[1]
         level_m = ground_distance_m(before.lat_deg, before.lon_deg, here.lat_deg, here.lon_deg)
         return math.hypot(level_m, here.alt_amsl_m - before.alt_amsl_m)

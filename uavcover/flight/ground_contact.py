@@ -40,7 +40,7 @@ _FALL_GAINS_M_S2, _FAST_M_S = 4.0, 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class _Place:
+class _Position:
     """A moment of the flight: vehicle time, height above home and above the ground, sink rate, speed over ground."""
 
     time_s: float
@@ -71,7 +71,7 @@ class GroundContact:
     """Collects the evidence for ground contact. All times are vehicle time."""
 
     def __init__(self) -> None:
-        self._places: deque[_Place] = deque()
+        self._positions: deque[_Position] = deque()
         self._said: bool | None = None
         self._said_since_s = 0.0
         self._said_count = 0
@@ -89,17 +89,17 @@ class GroundContact:
 
     def forget(self) -> None:
         """Forget what was said and where it was, as after a restart; the ground is still known."""
-        self._places.clear()
+        self._positions.clear()
         self._said, self._said_count = None, 0
 
     def take_position(self, here: m.GlobalPositionInt) -> None:
         """Take a position of the vehicle."""
-        if self._places and here.time_boot_s <= self._places[-1].time_s:
+        if self._positions and here.time_boot_s <= self._positions[-1].time_s:
             return
         ground_m = None if self._ground_at is None else self._ground_at(here.lat_deg, here.lon_deg)
         above_m = here.alt_above_home_m
-        self._places.append(
-            _Place(
+        self._positions.append(
+            _Position(
                 here.time_boot_s,
                 above_m,
                 None if ground_m is None else above_m + self._home_ground_alt_amsl_m - ground_m,
@@ -107,8 +107,8 @@ class GroundContact:
                 (here.velocity_north_m_s**2 + here.velocity_east_m_s**2) ** 0.5,
             )
         )
-        while self._places[-1].time_s - self._places[0].time_s > GROUND.keep_s:
-            self._places.popleft()
+        while self._positions[-1].time_s - self._positions[0].time_s > GROUND.keep_s:
+            self._positions.popleft()
 
     def take_word(self, state: int, time_s: float | None) -> None:
         """Take the vehicle's landed state (MAV_LANDED_STATE)."""
@@ -118,14 +118,14 @@ class GroundContact:
         self._said_count += 1
 
     @property
-    def says_landed(self) -> bool | None:
+    def reports_landed(self) -> bool | None:
         """The vehicle's landed state; None without a report."""
         return self._said
 
     @property
     def height_m(self) -> float:
         """Latest height above the ground, above home where the ground is not known; 0 before the first position."""
-        return self._places[-1].height_m if self._places else 0.0
+        return self._positions[-1].height_m if self._positions else 0.0
 
     def on_ground(self, now_s: float | None) -> bool | None:
         """Whether it stands on the ground at ``now_s``.
@@ -150,19 +150,19 @@ class GroundContact:
         What counts is that it sank faster than any autopilot lands, that it lost height that no landing explains, or that nothing
         was heard of it since it was above the ground. Ground that is higher or lower than home is none of these.
         """
-        if since_s is None or not self._places:
+        if since_s is None or not self._positions:
             return None
-        after = [p for p in self._places if p.time_s >= since_s - GROUND.before_s] or [self._places[-1]]
+        after = [p for p in self._positions if p.time_s >= since_s - GROUND.before_s] or [self._positions[-1]]
         sink_m_s = max(p.sink_m_s for p in after)
         highest = max(after, key=lambda p: p.height_m)
         since_highest = after[after.index(highest) :]
         lost_m = highest.above_home_m - after[-1].above_home_m - _landed_m(since_highest)
         sinks = sum(p.sink_m_s > GROUND.falls_m_s for p in after) > 1
-        here, seen = after[-1], since_s - after[-1].time_s <= GROUND.old_s
-        lost = seen and now_s is not None and now_s - here.time_s > GROUND.old_s and here.height_m > GROUND.near_m
+        here, recent = after[-1], since_s - after[-1].time_s <= GROUND.old_s
+        lost = recent and now_s is not None and now_s - here.time_s > GROUND.old_s and here.height_m > GROUND.near_m
         if not (sinks or lost or (lost_m > GROUND.fallen_m and sink_m_s > GROUND.still_sink_m_s)):
             return None
-        begin = _begin_of_fall(list(self._places), len(after)) if sinks else highest
+        begin = _begin_of_fall(list(self._positions), len(after)) if sinks else highest
         return Fall(begin.height_m, "home" if begin.above_ground_m is None else "the ground", sink_m_s)
 
     def is_still(self, now_s: float | None) -> bool:
@@ -174,32 +174,34 @@ class GroundContact:
         """Whether a disarmed vehicle lies on the ground: it is at rest near it, even if it reports flight."""
         return self.is_still(now_s) and abs(self.height_m) <= GROUND.near_m
 
-    def _since(self, now_s: float | None, window_s: float) -> list[_Place]:
+    def _since(self, now_s: float | None, window_s: float) -> list[_Position]:
         """The latest reports, at least two; nothing when they are old."""
-        if now_s is None or not self._places or now_s - self._places[-1].time_s > GROUND.old_s:
+        if now_s is None or not self._positions or now_s - self._positions[-1].time_s > GROUND.old_s:
             return []
-        recent = [p for p in self._places if p.time_s >= now_s - window_s]
-        return recent if len(recent) > 1 else list(self._places)[-2:]
+        recent = [p for p in self._positions if p.time_s >= now_s - window_s]
+        return recent if len(recent) > 1 else list(self._positions)[-2:]
 
     @staticmethod
-    def _is_still(places: list[_Place]) -> bool:
-        quiet = all(abs(p.sink_m_s) <= GROUND.still_sink_m_s and p.speed_m_s <= GROUND.still_speed_m_s for p in places)
-        return quiet and abs(places[-1].above_home_m - places[0].above_home_m) <= GROUND.still_height_m
+    def _is_still(positions: list[_Position]) -> bool:
+        quiet = all(
+            abs(p.sink_m_s) <= GROUND.still_sink_m_s and p.speed_m_s <= GROUND.still_speed_m_s for p in positions
+        )
+        return quiet and abs(positions[-1].above_home_m - positions[0].above_home_m) <= GROUND.still_height_m
 
 
-def _landed_m(places: list[_Place]) -> float:
+def _landed_m(positions: list[_Position]) -> float:
     """Height that was lost at the reported sink rates of a landing: it may have disarmed at the end of these positions."""
-    sinks = ((max(a.sink_m_s, b.sink_m_s, 0.0), b.time_s - a.time_s) for a, b in itertools.pairwise(places))
+    sinks = ((max(a.sink_m_s, b.sink_m_s, 0.0), b.time_s - a.time_s) for a, b in itertools.pairwise(positions))
     return sum(sink_m_s * lasts_s for sink_m_s, lasts_s in sinks if sink_m_s <= GROUND.falls_m_s)
 
 
-def _begin_of_fall(places: list[_Place], latest: int) -> _Place:
+def _begin_of_fall(positions: list[_Position], latest: int) -> _Position:
     """Start of the fall that led to the largest sink rate of the ``latest`` positions."""
-    number = max(range(len(places) - latest, len(places)), key=lambda index: places[index].sink_m_s)
+    number = max(range(len(positions) - latest, len(positions)), key=lambda index: positions[index].sink_m_s)
     while number > 0:
-        before, here = places[number - 1], places[number]
+        before, here = positions[number - 1], positions[number]
         gained_m_s2 = (here.sink_m_s - before.sink_m_s) / (here.time_s - before.time_s)
         if gained_m_s2 < _FALL_GAINS_M_S2 and here.sink_m_s < _FAST_M_S:
             break
         number -= 1
-    return places[number]
+    return positions[number]

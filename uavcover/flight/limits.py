@@ -106,14 +106,16 @@ def _extent(plan: FlightPlan) -> dict[str, float]:
     away_m = np.hypot(path_m[:, 0] - home_m[0], path_m[:, 1] - home_m[1])
     found = {"highest": float(path_m[:, 2].max() - home_m[2]), "farthest": float(away_m.max())}
     waypoints_m = plan.waypoints_m()
-    places_m = np.vstack([plan.place_m(i) for i in plan.mission.items if i.command == Command.NAV_WAYPOINT] or [home_m])
-    if plan.is_way_home:
-        waypoints_m = places_m
+    positions_m = np.vstack(
+        [plan.position_m(i) for i in plan.mission.items if i.command == Command.NAV_WAYPOINT] or [home_m]
+    )
+    if plan.is_return:
+        waypoints_m = positions_m
     if len(waypoints_m):
-        to_first_m = np.linalg.norm(waypoints_m - places_m[0], axis=1)
+        to_first_m = np.linalg.norm(waypoints_m - positions_m[0], axis=1)
         found |= {
-            "first": float(np.hypot(*(places_m[0] - home_m)[:2])),
-            "lowest": float(places_m[:, 2].min() - home_m[2]),
+            "first": float(np.hypot(*(positions_m[0] - home_m)[:2])),
+            "lowest": float(positions_m[:, 2].min() - home_m[2]),
             "restart_line": float(to_first_m.max()),
         }
     return found
@@ -122,9 +124,9 @@ def _extent(plan: FlightPlan) -> dict[str, float]:
 def _path_m(plan: FlightPlan) -> np.ndarray:
     """(n, 3) ENU: from home on the ground by the take-off's top to where the mission lands."""
     legs = list(plan.legs_m().values())
-    places = [leg[1] for leg in legs]
+    positions = [leg[1] for leg in legs]
     home_m = plan.frame.enu_from_geodetic(plan.home.lat_deg, plan.home.lon_deg, plan.home.alt_amsl_m)[0]
-    return np.vstack([home_m, *(leg[0] for leg in legs[:1] if len(legs) > 2), *places])
+    return np.vstack([home_m, *(leg[0] for leg in legs[:1] if len(legs) > 2), *positions])
 
 
 def _flight_time(values: Mapping[str, float], plan: FlightPlan, *, px4: bool) -> Limit | None:
@@ -219,8 +221,8 @@ def read_parameters(session: Session, groups: Iterable[Collection[str]]) -> dict
         for first in range(0, len(left), PREPARATION.limits_at_once):
             quiet_s = _ask(session, left[first : first + PREPARATION.limits_at_once], found, quiet_s)
     # ArduPilot also broadcasts parameters that it counts by itself.
-    asked = {name for names in wanted for name in names}
-    return {name: value for name, value in found.items() if name in asked}
+    requested = {name for names in wanted for name in names}
+    return {name: value for name, value in found.items() if name in requested}
 
 
 def _ask(session: Session, groups: Collection[Collection[str]], found: dict[str, ParamValue], quiet_s: float) -> float:

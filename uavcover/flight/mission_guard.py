@@ -24,7 +24,7 @@ from uavcover.model.track import Ending, FlightFaultError
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Guard:
     every_s: float
-    busy_share: float
+    busy_fraction: float
     longest_s: float
     again_s: float
     look_s: float
@@ -51,7 +51,7 @@ class ListReading:
 
     Attributes:
         held: the list at the last reading.
-        asked: whether to read it as soon as possible.
+        requested: whether to read it as soon as possible.
     """
 
     def __init__(
@@ -67,13 +67,13 @@ class ListReading:
         self._wanted, self._type = tuple(wanted), mission_type
         self._every = Timer(session, every_s)
         self.held: tuple[MissionItem, ...] = self._wanted
-        self.asked = False
+        self.requested = False
         self._failures = 0
         self._not_before_s = self._rest_until_s = 0.0
 
     def ask(self) -> None:
         """Read as soon as possible, because of a sign of a change."""
-        self.asked = True
+        self.requested = True
 
     @property
     def due(self) -> bool:
@@ -81,7 +81,7 @@ class ListReading:
         now = self._session.client.clock.now()
         if self._session.watch.unanswered:
             return False
-        return now >= self._not_before_s and (self.asked or (self._every.over and now >= self._rest_until_s))
+        return now >= self._not_before_s and (self.requested or (self._every.over and now >= self._rest_until_s))
 
     def difference(self) -> str | None:
         """The largest difference from the expected list; None without one, or when reading failed.
@@ -91,7 +91,7 @@ class ListReading:
         """
         session, began_s = self._session, self._session.client.clock.now()
         stops, pause, mode = session.stop(), session.pause(), session.client.vehicle.custom_mode
-        self.asked = False
+        self.requested = False
 
         looked_s = began_s
 
@@ -115,7 +115,7 @@ class ListReading:
         except TransferCancelledError:
             if session.client.clock.now() - began_s > GUARD.longest_s:
                 self._note_failure(f"no complete answer within {GUARD.longest_s:g} s")
-            self.asked = True
+            self.requested = True
             return None
         except MissionIoError as error:
             self._note_failure(str(error))
@@ -124,7 +124,7 @@ class ListReading:
         if self._failures:
             session.warn(f"uavcover can read back the {self._name} again")
         self._failures = 0
-        self._rest_until_s = now + (now - began_s) / GUARD.busy_share
+        self._rest_until_s = now + (now - began_s) / GUARD.busy_fraction
         self._not_before_s = now + max(1.0, now - began_s)
         self._every.restart()
         if held is None:
@@ -142,7 +142,7 @@ class ListReading:
             self._session.warn(f"cannot read back the {self._name} in flight: {why}; uavcover keeps trying")
         self._not_before_s = self._session.client.clock.now() + GUARD.again_s * 2.0 ** min(self._failures, 4)
         self._failures += 1
-        self.asked = True
+        self.requested = True
 
 
 class ModeOverride:
@@ -168,7 +168,7 @@ class ModeOverride:
         """Check the mode; ``expected`` are the commanded ones."""
         session = self._session
         numbers = [custom_mode(session.autopilot, mode) for mode in expected]
-        if self._left is not None and session.monitor.ground.says_landed:
+        if self._left is not None and session.monitor.ground.reports_landed:
             self.settle()  # PX4 returns to the commanded mode after landing: that does not end an override
         elif session.client.vehicle.custom_mode in numbers:
             if self.cause is not None:
@@ -228,7 +228,7 @@ class MissionGuard:
         if not self._session.watch.is_open(Ending.MISSION_CHANGED):
             self._look_at_total()
             self._look_at_item()
-            self.look_at_place()
+            self.look_at_position()
         self._look_for_words()
         if self._reading.due:
             self._read_back()
@@ -297,7 +297,7 @@ class MissionGuard:
             return f"the vehicle is flying back to item {seq}, before its route, from waypoint {self._farthest}"
         return None
 
-    def look_at_place(self) -> None:
+    def look_at_position(self) -> None:
         """Check the distance to the leg; called in the air, in its mission, a hold or an unknown mode."""
         session, off_m = self._session, self._progress.off_leg_m
         watch = session.watch
@@ -370,8 +370,8 @@ class MissionGuard:
             if watch.is_open(Ending.MISSION_CHANGED):
                 self._session.alarm(f"further change to the vehicle's mission: {difference}")
             else:
-                place = f"{sign}: " if sign else ""
-                self._changed(f"{place}another station changed the mission in flight: {difference}")
+                position = f"{sign}: " if sign else ""
+                self._changed(f"{position}another station changed the mission in flight: {difference}")
 
 
 class VolumeWatch:
@@ -392,10 +392,10 @@ class VolumeWatch:
         Args:
             on_route: whether it flies its mission, or holds on its way.
         """
-        around, place_m = self._around, self._progress.place_m
-        if around is None or place_m is None:
+        around, position_m = self._around, self._progress.position_m
+        if around is None or position_m is None:
             return
-        east_m, north_m, up_m = place_m.tolist()
+        east_m, north_m, up_m = position_m.tolist()
         outside_m = around.outside_fence_m(east_m, north_m)
         self._watch.measure(
             Ending.FENCE_BREACHED, outside_m if outside_m > GUARD.fence_slack_m else None,

@@ -33,9 +33,9 @@ class _Monitor:
     agreeing_stamps: int
     agreeing_rare_stamps: int
     gap_s: float
-    max_terrain_asked: int
+    max_terrain_requested: int
     doubt_s: float
-    places_s: float
+    positions_s: float
     apart_m: float
     returns: int
 
@@ -139,7 +139,7 @@ class VehicleClock:
         return len(self._doubted) < 2 or 0.5 <= gap_s / max(before_s - self._doubted[-2][0], 1e-3) <= 2.0
 
 
-class TwoPlaces:
+class TwoPositions:
     """Finds positions that go back and forth between two places, as those of two vehicles with one system ID do.
 
     They are ordered by vehicle time: what a link loses, repeats or reorders is no jump. Sequence numbers cannot tell: one vehicle
@@ -157,7 +157,7 @@ class TwoPlaces:
         """Take a position."""
         recent = self._recent
         insort(recent, here, key=lambda position: position.time_boot_s)
-        while recent[-1].time_boot_s - recent[0].time_boot_s > MONITOR.places_s:
+        while recent[-1].time_boot_s - recent[0].time_boot_s > MONITOR.positions_s:
             recent.pop(0)
         if self.apart_m is None and here is recent[-1] and not _jumped_m(*recent[-2:]):
             return
@@ -194,7 +194,7 @@ class Monitor:
         events: PX4's events that nothing has taken yet.
         other_texts: lines of other components of its system, each with the component's number.
         ground: what tells whether it stands on the ground.
-        places: whether its positions are those of two vehicles.
+        positions: whether its positions are those of two vehicles.
         uids: hardware numbers in its answers, the older and the newer field of each; 0 is none.
         position_at_s: when the latest position arrived, on the link's clock.
         heard_at_s: when anything of the vehicle arrived last, on the link's clock; infinitely long ago before the first.
@@ -211,7 +211,7 @@ class Monitor:
         parameters: the latest PARAM_VALUE of each parameter.
         photos_taken: the number of photos by the autopilot's own count, of which no message can be lost; None while it reported
             none, taken or failed.
-        terrain_asked: the different requests for terrain heights; one more shows that an answer to an earlier one arrived.
+        terrain_requested: the different requests for terrain heights; one more shows that an answer to an earlier one arrived.
     """
 
     def __init__(self) -> None:
@@ -220,7 +220,7 @@ class Monitor:
         self.events: deque[m.Event] = deque(maxlen=100)
         self.other_texts: deque[tuple[int, m.StatusText]] = deque(maxlen=100)
         self.ground = GroundContact()
-        self.places = TwoPlaces()
+        self.positions = TwoPositions()
         self.uids: set[tuple[int, int]] = set()
         self.position_at_s: float | None = None
         self.heard_at_s = self.gap_ended_at_s = -math.inf
@@ -236,7 +236,7 @@ class Monitor:
         self.parameters: dict[str, m.ParamValue] = {}
         self.photos_taken: int | None = None
         self._failed_photos: set[int] = set()
-        self.terrain_asked: set[m.TerrainRequest] = set()
+        self.terrain_requested: set[m.TerrainRequest] = set()
         self._assembler = TextAssembler()
         self._other_assemblers: dict[int, TextAssembler] = {}
         self._time = VehicleClock()
@@ -254,7 +254,7 @@ class Monitor:
         if self._vehicle != vehicle:
             self._latest.clear()
             self.ground.forget()
-            self.places, self.uids = TwoPlaces(), set()
+            self.positions, self.uids = TwoPositions(), set()
             self._time.begin()
             self._doubted.clear()
             self.photos_taken = None
@@ -366,7 +366,7 @@ class Monitor:
             case m.GlobalPositionInt():
                 self.position_at_s = now
                 self.ground.take_position(message)
-                self.places.take(message)
+                self.positions.take(message)
                 if self.on_position is not None:
                     self.on_position(message)
             case m.MissionAck(result=MissionResult.ACCEPTED, mission_type=MissionType.MISSION):
@@ -387,8 +387,8 @@ class Monitor:
                 self.photos_taken = message.number + 1 - failed
             case m.MissionItemReached():
                 self.reached = max(self.reached, message.seq)
-            case m.TerrainRequest() if len(self.terrain_asked) < MONITOR.max_terrain_asked:
-                self.terrain_asked.add(message)
+            case m.TerrainRequest() if len(self.terrain_requested) < MONITOR.max_terrain_requested:
+                self.terrain_requested.add(message)
             case m.AutopilotVersion():
                 self.uids.add((message.uid, int.from_bytes(message.uid2, "big")))
             case m.Event():
@@ -403,7 +403,7 @@ class Monitor:
         if self._time.restarted and not restarted:
             self._latest.clear()
             self.ground.forget()
-            self.places = TwoPlaces()
+            self.positions = TwoPositions()
         return believed
 
     def _doubt(self, message: m.Message, now: float) -> None:

@@ -39,7 +39,7 @@ class _Preparation:
     arming_answer_s: float
     arming_tries: int
     reached_items: int
-    place_each_s: float
+    position_each_s: float
     parameter_each_s: float
     most_unanswered: int
     list_each_s: float
@@ -60,7 +60,7 @@ class _Preparation:
 PREPARATION = data_table(_Preparation, "uavcover/data/flight.toml", "preparation")
 
 
-_PLACES = (Command.NAV_WAYPOINT, Command.NAV_TAKEOFF, Command.NAV_LAND, Command.NAV_LOITER_TIME)
+_POSITIONS = (Command.NAV_WAYPOINT, Command.NAV_TAKEOFF, Command.NAV_LAND, Command.NAV_LOITER_TIME)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +76,7 @@ class PlanNeeds:
     vehicle: Vehicle | None = None  # its endurance and reserve, to watch the battery against; None skips that
     # seconds from a (3,) ENU place in flight to the ground at home along a checked transit; None if none is known. Raises
     # UavcoverError where there is no such transit.
-    way_home_s: Callable[[FloatArray], float] | None = None
+    return_s: Callable[[FloatArray], float] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,7 +119,7 @@ class FlightPlan:
         Fence | RallyPoints, ...
     ] = ()  # what the vehicle is to hold beside the mission, compared before arming
 
-    def way_home(self, mission: Mission, *, home_up_m: float) -> "FlightPlan":
+    def return_plan(self, mission: Mission, *, home_up_m: float) -> "FlightPlan":
         """The plan of a return that the vehicle now holds, without planned waypoints.
 
         Args:
@@ -133,7 +133,7 @@ class FlightPlan:
         )  # fmt: skip
 
     @property
-    def is_way_home(self) -> bool:
+    def is_return(self) -> bool:
         """Whether it is only a return."""
         return self.waypoint_count == 0
 
@@ -145,31 +145,31 @@ class FlightPlan:
     def waypoints_m(self) -> FloatArray:
         """(n, 3) ENU, the planned waypoints, from their items."""
         planned = slice(self.first_waypoint_item, self._end_item, self.items_per_waypoint)
-        places = [self.place_m(item) for item in self.mission.items[planned]]
-        return np.array(places, dtype=float).reshape(-1, 3)
+        positions = [self.position_m(item) for item in self.mission.items[planned]]
+        return np.array(positions, dtype=float).reshape(-1, 3)
 
     def legs_m(self) -> dict[int, FloatArray]:
         """The leg to each item, by its index: (2, 3) ENU; empty for the first position and for commands."""
         legs: dict[int, FloatArray] = {}
         before: FloatArray | None = None
         for index, item in enumerate(self.mission.items):
-            if not self.has_place(item):
+            if not self.has_position(item):
                 continue
-            here = self.place_m(item)
+            here = self.position_m(item)
             if before is not None:
                 legs[index] = np.vstack([before, here])
             before = here
         return legs
 
-    def has_place(self, item: MissionItem) -> bool:
+    def has_position(self, item: MissionItem) -> bool:
         """Whether an item leads to a position of its own."""
-        return item.command in _PLACES and (item.lat_deg, item.lon_deg) != (0.0, 0.0)
+        return item.command in _POSITIONS and (item.lat_deg, item.lon_deg) != (0.0, 0.0)
 
-    def place_m(self, item: MissionItem) -> FloatArray:
+    def position_m(self, item: MissionItem) -> FloatArray:
         """(3,) ENU, the position of an item as it was planned."""
         alt_amsl_m = item.alt_m + (self.home.alt_amsl_m if item.frame is Frame.ABOVE_HOME else 0.0)
-        place_m: FloatArray = self.frame.enu_from_geodetic(item.lat_deg, item.lon_deg, alt_amsl_m)[0]
-        return place_m
+        position_m: FloatArray = self.frame.enu_from_geodetic(item.lat_deg, item.lon_deg, alt_amsl_m)[0]
+        return position_m
 
     def index_of(self, seq: int, autopilot: Autopilot) -> int:
         """Index in ``mission.items`` of item ``seq`` on the wire."""
@@ -431,8 +431,8 @@ def require_one_vehicle(client: Client, monitor: Monitor) -> None:
     Raises:
         VehicleError: answers have two hardware numbers, or positions go back and forth between two places.
     """
-    if monitor.places.apart_m is not None:
-        found = f"its positions alternate between two places {monitor.places.apart_m:.0f} m apart"
+    if monitor.positions.apart_m is not None:
+        found = f"its positions alternate between two places {monitor.positions.apart_m:.0f} m apart"
     elif any(len({uid for uid in uids if uid}) > 1 for uids in zip(*monitor.uids, strict=True)):
         found = "it answers with different hardware IDs (UID of AUTOPILOT_VERSION)"
     else:

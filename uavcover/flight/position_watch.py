@@ -96,7 +96,7 @@ class HomeWatch:
 
     def _judge(self, home: GeoPoint) -> tuple[float | None, str]:
         """By how much home was moved, and what comes of it; None for what arming alone explains."""
-        offsets = [_offset_m(place, home) for place in self._checked] or [_offset_m(self._plan.home, home)]
+        offsets = [_offset_m(position, home) for position in self._checked] or [_offset_m(self._plan.home, home)]
         east, north, up = min(offsets, key=lambda offset: math.dist((0.0, 0.0, 0.0), offset))
         aside_m = math.hypot(east, north)
         self.moved_up_m = up if abs(up) > PREPARATION.home_slack_m else 0.0
@@ -111,7 +111,7 @@ class HomeWatch:
             text += f": {self._lowered_by(home.alt_amsl_m - self._plan.home.alt_amsl_m)}"
         if aside_m > FOLLOWING.aside_m:
             text += "; the autopilot's own return ends at the new home, along an unchecked path"
-        if self._plan.is_way_home and abs(up) <= PREPARATION.home_slack_m:  # its items stand where they stood
+        if self._plan.is_return and abs(up) <= PREPARATION.home_slack_m:  # its items stand where they stood
             self._session.alarm(f"{text}; this does not affect the return")
             return None, ""
         return math.hypot(aside_m, up), text
@@ -119,7 +119,7 @@ class HomeWatch:
     def _lowered_by(self, off_m: float) -> str:
         """Consequence for heights above home of another home altitude."""
         since = "immediately" if self._px4 else "from the next item onwards"
-        side, flown = "higher" if off_m > 0.0 else "lower", "return" if self._plan.is_way_home else "mission"
+        side, flown = "higher" if off_m > 0.0 else "lower", "return" if self._plan.is_return else "mission"
         text = f"{since}, the vehicle flies the remaining {flown} {abs(off_m):.1f} m {side} than planned"
         heights_m, volume = self._rest_agl_m(), self._plan.volume
         if volume is None or not len(heights_m):
@@ -129,7 +129,7 @@ class HomeWatch:
         if off_m < 0.0:
             what, was_m, limit = "clearance", low_m, f"{volume.min_height_agl_m:g} m is required"
         text = f"{text}, and its {what} above the ground changes from {was_m:.1f} m to {was_m + off_m:.1f} m"
-        return text if self._plan.is_way_home else f"{text}, where {limit}"  # the band is that of the route
+        return text if self._plan.is_return else f"{text}, where {limit}"  # the band is that of the route
 
     def _rest_agl_m(self) -> FloatArray:
         """Planned heights above the ground along the legs that are left, those of planned waypoints where there are any."""
@@ -141,8 +141,8 @@ class HomeWatch:
         heights = []
         for leg in legs_m:
             count = max(2, math.ceil(float(np.linalg.norm(leg[1] - leg[0])) / spacing) + 1)
-            for share in np.linspace(0.0, 1.0, count):
-                east, north, up = (leg[0] + share * (leg[1] - leg[0])).tolist()
+            for fraction in np.linspace(0.0, 1.0, count):
+                east, north, up = (leg[0] + fraction * (leg[1] - leg[0])).tolist()
                 heights.append(up - plan.volume.ground_up_m(east, north))
         return np.array([height for height in heights if math.isfinite(height)])
 
@@ -164,10 +164,10 @@ def _point(message: m.HomePosition | m.GpsGlobalOrigin) -> GeoPoint:
     return GeoPoint(message.lat_deg, message.lon_deg, message.alt_amsl_m)
 
 
-def _offset_m(of: GeoPoint, place: GeoPoint) -> tuple[float, float, float]:
+def _offset_m(of: GeoPoint, position: GeoPoint) -> tuple[float, float, float]:
     """East, north and up from one position to another."""
     frame = LocalFrame(of.lat_deg, of.lon_deg, of.alt_amsl_m)
-    east, north, up = frame.enu_from_geodetic(place.lat_deg, place.lon_deg, place.alt_amsl_m)[0].tolist()
+    east, north, up = frame.enu_from_geodetic(position.lat_deg, position.lon_deg, position.alt_amsl_m)[0].tolist()
     return east, north, up
 
 
@@ -202,11 +202,11 @@ class HoldWatch:
         self._rest = Timer(session, FOLLOWING.comes_to_rest_s)
         self._deadline = Timer(session, session.timeouts.held_s)
         self._calm: Timer | None = None
-        self._place: m.GlobalPositionInt | None = None
+        self._position: m.GlobalPositionInt | None = None
 
     def begin_again(self) -> None:
         """Hold at the next position of rest: a pilot may have moved the vehicle and given it back."""
-        self._place = None
+        self._position = None
         self._rest.restart()
 
     def look(self) -> HoldState:
@@ -219,24 +219,24 @@ class HoldWatch:
             self._calm = None
         elif self._calm is None:
             self._calm = Timer(self._session, FOLLOWING.calm_s)
-        elif self._calm.over and self._may_go_on and self._place is not None:
+        elif self._calm.over and self._may_go_on and self._position is not None:
             return HoldState.OVER
         return HoldState.OVERDUE if self._deadline.over else HoldState.HOLDS
 
     @property
     def drift_m(self) -> float:
         """Distance from the held position; 0 before the vehicle has come to rest."""
-        here, place = self._session.monitor.latest(m.GlobalPositionInt), self._place
-        if here is None or place is None:
+        here, position = self._session.monitor.latest(m.GlobalPositionInt), self._position
+        if here is None or position is None:
             return 0.0
-        level_m = ground_distance_m(place.lat_deg, place.lon_deg, here.lat_deg, here.lon_deg)
-        return math.hypot(level_m, here.alt_amsl_m - place.alt_amsl_m)
+        level_m = ground_distance_m(position.lat_deg, position.lon_deg, here.lat_deg, here.lon_deg)
+        return math.hypot(level_m, here.alt_amsl_m - position.alt_amsl_m)
 
     def _drifts(self) -> bool:
         watch = self._session.watch
-        if self._place is None:
+        if self._position is None:
             if self._rest.over:
-                self._place = self._session.monitor.latest(m.GlobalPositionInt)
+                self._position = self._session.monitor.latest(m.GlobalPositionInt)
             return False
         drift_m = self.drift_m
         watch.measure(
@@ -268,7 +268,7 @@ class FallWatch:
         self._session, self._plan = session, plan
         descent_m_s = (None if plan is None else plan.max_descent_m_s) or 3.0
         self._fall_m_s = max(FALL.least_fall_m_s, FALL.fall_ratio * descent_m_s)
-        self._seen: m.GlobalPositionInt | None = None
+        self._observed: m.GlobalPositionInt | None = None
         self._fast = 0
         self._leans_since_s: float | None = None
         self._from_m = self._fastest_m_s = 0.0
@@ -279,9 +279,9 @@ class FallWatch:
     def look(self) -> None:
         """Look once. Raises FlightFaultError: the vehicle has crashed."""
         here = self._session.monitor.latest(m.GlobalPositionInt)
-        if here is None or here is self._seen:
+        if here is None or here is self._observed:
             return
-        before, self._seen = self._seen, here
+        before, self._observed = self._observed, here
         height_m = self._session.monitor.ground.height_m
         self._aloft = self._aloft or height_m > FALL.aloft_m
         if before is not None and here.time_boot_s > before.time_boot_s:
@@ -320,8 +320,8 @@ class FallWatch:
 
     def _look_whether_it_lies(self, here: m.GlobalPositionInt, height_m: float) -> None:
         still = math.hypot(*_velocity(here)) < FALL.still_m_s
-        says_flying = self._session.monitor.ground.says_landed is False
-        if not still or not (self._aloft or says_flying):
+        reports_flying = self._session.monitor.ground.reports_landed is False
+        if not still or not (self._aloft or reports_flying):
             self._still_since_s = None
             return
         if self._still_since_s is None:
@@ -337,18 +337,18 @@ class FallWatch:
     def _may_stand(self) -> bool:
         """Whether the vehicle may be on the ground: before take-off, it lands, reports so, or its mode is unknown."""
         monitor, plan = self._session.monitor, self._plan
-        if plan is None or monitor.ground.says_landed or not self._session.on_mission:
+        if plan is None or monitor.ground.reports_landed or not self._session.on_mission:
             return True
         index = plan.index_of(monitor.current_seq, self._session.autopilot)
         items = plan.mission.items
-        waits = index == 0 and monitor.ground.says_landed is None
+        waits = index == 0 and monitor.ground.reports_landed is None
         return not 0 <= index < len(items) or items[index].command in _LANDINGS or waits
 
     def _crashed(self, how: str) -> None:
-        session, here = self._session, self._seen
-        place = "" if here is None else f" at {here.lat_deg:.6f}, {here.lon_deg:.6f}"
+        session, here = self._session, self._observed
+        position = "" if here is None else f" at {here.lat_deg:.6f}, {here.lon_deg:.6f}"
         text = (
-            f"the vehicle {how} on the ground{place}; it is armed and its motors may start, so keep "
+            f"the vehicle {how} on the ground{position}; it is armed and its motors may start, so keep "
             f"away{session.recent_warnings}"
         )
         session.watch.open(Ending.CRASHED, text)
@@ -396,7 +396,7 @@ class PhotoWatch:
     def look(self) -> None:
         """Look once."""
         session = self._session
-        taken, now_s, here_m = session.monitor.photos_taken, session.monitor.time_s, self._progress.place_m
+        taken, now_s, here_m = session.monitor.photos_taken, session.monitor.time_s, self._progress.position_m
         if here_m is None or now_s is None or not (self._trigger_m or self._at_waypoints):
             return
         if taken != self._taken:

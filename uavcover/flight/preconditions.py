@@ -51,14 +51,14 @@ class Preconditions:
         self._px4 = session.is_px4
         for kind in (m.HomePosition, m.GpsGlobalOrigin):
             with contextlib.suppress(CommandRefusedError):  # both autopilots send them by themselves when they change
-                session.client.request_message_interval(kind, PREPARATION.place_each_s)
+                session.client.request_message_interval(kind, PREPARATION.position_each_s)
         self._home = HomeWatch(session, plan, px4=self._px4)
         self._settings = _SettingsWatch(session, plan, values, px4=self._px4, returns_changed=returns_changed)
         self._lists = [
             _ListWatch(session, plan, kind, lambda: returns_changed(self._settings.values)) for kind in _LISTS
         ]
         self._was_in_force = self._is_off = False
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
         self._moved_before_m = 0.0
 
     @property
@@ -89,7 +89,7 @@ class Preconditions:
         """
         watch = self._session.watch
         self._moved_before_m += self._home.moved_up_m
-        plan = self._plan.way_home(sent, home_up_m=self._moved_before_m)
+        plan = self._plan.return_plan(sent, home_up_m=self._moved_before_m)
         watch.close(Ending.MISSION_CHANGED, "the vehicle contains the uploaded return")
         watch.close(Ending.HOME_MOVED, "the return compensates for the moved home")
         self._home = HomeWatch(self._session, plan, px4=self._px4)
@@ -144,8 +144,8 @@ class Preconditions:
             )
 
     def _tell_once(self, text: str) -> None:
-        if text not in self._told:
-            self._told.add(text)
+        if text not in self._reported:
+            self._reported.add(text)
             self._session.alarm(text)
 
 
@@ -248,7 +248,7 @@ class _SettingsWatch:
         ]
         flown += [f"the mission sets it to {max(own):g}" for name in changed if (own := self._own_values(name))]
         reasons = flown + [row.sentence for row in worse]
-        flight = "return" if self._plan.is_way_home else "mission"
+        flight = "return" if self._plan.is_return else "mission"
         text = f"{what}: {'; '.join(reasons)}" if reasons else f"{what}; this does not affect the {flight}"
         # A vehicle that is set so would not have been armed, and was.
         refused = [row for row in rows.values() if row.weight is Weight.REFUSED]
@@ -343,14 +343,14 @@ class _ListWatch:
 
     def _read(self, reading: ListReading) -> None:
         difference = reading.difference()
-        if reading.asked:  # it could not be read
+        if reading.requested:  # it could not be read
             return
-        text = "" if difference is None else self._told(difference, reading.held)
+        text = "" if difference is None else self._reported(difference, reading.held)
         if text != self.text:
             self.text = text
             self._returns_changed()
 
-    def _told(self, difference: str, held: tuple[MissionItem, ...]) -> str:
+    def _reported(self, difference: str, held: tuple[MissionItem, ...]) -> str:
         what = "fence" if self._type is MissionType.FENCE else "rally points"
         return f"another station changed the vehicle's {what} in flight: {difference}; {self._consequence(held)}"
 
@@ -360,7 +360,7 @@ class _ListWatch:
             return "the autopilot's own return may lead there along an unchecked path"
         if not held:
             return "the vehicle has no fence"
-        flight = "return" if self._plan.is_way_home else "mission"
+        flight = "return" if self._plan.is_return else "mission"
         outside_m = _outside_m(held, self._plan.frame, rest_of_legs(self._plan, self._session))
         if outside_m > 0.0:
             return (
@@ -386,7 +386,7 @@ def _outside_m(items: tuple[MissionItem, ...], frame: LocalFrame, legs_m: list[F
     outside = shapely.union_all([shape for shape, inclusion in shapes if not inclusion])
     distances_m = [0.0]
     for leg in legs_m:
-        ends = [shapely.Point(place) for place in leg[:, :2].tolist()]
+        ends = [shapely.Point(position) for position in leg[:, :2].tolist()]
         distances_m += [] if inside.is_empty else [float(inside.distance(end)) for end in ends]
         distances_m.append(float(shapely.LineString(ends).intersection(outside).length))
     return max(distances_m)

@@ -22,7 +22,7 @@ from uavcover.model.vehicle import Vehicle
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Progress:
-    unseen_s: float
+    unobserved_s: float
     trust_s: float
     step_m: float
     slack_m: float
@@ -34,7 +34,7 @@ PROGRESS = data_table(_Progress, "uavcover/data/flight.toml", "progress")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Resume:
     near_radii: float
-    unseen_s: float
+    unobserved_s: float
     corridor_radii: float
     overlap_radii: float
     overlap_m: float
@@ -69,31 +69,31 @@ class Passage:
         """Whether all were passed."""
         return self.reached >= len(self._waypoints_m)
 
-    def take(self, number: int, place_m: FloatArray) -> None:
+    def take(self, number: int, position_m: FloatArray) -> None:
         """Look at one moment.
 
         Args:
             number: of the planned waypoint that is flown to; -1 for none.
-            place_m: (3,) ENU, where the vehicle is.
+            position_m: (3,) ENU, where the vehicle is.
         """
         before, self.number = self.number, number
         if before == self.reached and number == self.reached + 1:
             self.reached += 1
         last = len(self._waypoints_m) - 1
         heading = last if number < 0 and before == last else number
-        while self.reached <= min(heading, last) and self._near(place_m):
+        while self.reached <= min(heading, last) and self._near(position_m):
             self.reached += 1
-        self._before_m = np.array(place_m, dtype=float)
+        self._before_m = np.array(position_m, dtype=float)
 
     def believe(self, count: int) -> None:
         """Count the first ``count`` waypoints as passed, as after a silence."""
         self.reached = max(self.reached, min(count, len(self._waypoints_m)))
 
-    def _near(self, place_m: FloatArray) -> bool:
+    def _near(self, position_m: FloatArray) -> bool:
         """Whether the straight line since the last look comes near the next waypoint."""
-        start_m = place_m if self._before_m is None else self._before_m
+        start_m = position_m if self._before_m is None else self._before_m
         waypoint_m = self._waypoints_m[self.reached]
-        nearest_m = _nearest_m(waypoint_m, np.stack([start_m, place_m]))
+        nearest_m = _nearest_m(waypoint_m, np.stack([start_m, position_m]))
         return float(np.linalg.norm(nearest_m - waypoint_m)) <= self._near_m
 
 
@@ -112,11 +112,11 @@ class MissionProgress:
         self._passage = Passage(plan.waypoints_m(), radius_m=plan.acceptance_radius_m)
         self._passage.believe(plan.passed_before)
         self._legs_m = plan.legs_m()
-        if plan.is_way_home and (here := self.place_m) is not None:  # autopilots fly to its first item from here
-            first = next((k for k, item in enumerate(plan.mission.items) if plan.has_place(item)), None)
+        if plan.is_return and (here := self.position_m) is not None:  # autopilots fly to its first item from here
+            first = next((k for k, item in enumerate(plan.mission.items) if plan.has_position(item)), None)
             if first is not None:
-                self._legs_m[first] = np.vstack([here, plan.place_m(plan.mission.items[first])])
-        self._seen_s = -math.inf
+                self._legs_m[first] = np.vstack([here, plan.position_m(plan.mission.items[first])])
+        self._observed_s = -math.inf
         self._trust_until_s = -math.inf
         self._rejoins: tuple[int, FloatArray] | None = None
         self.heading_for = -1
@@ -140,23 +140,23 @@ class MissionProgress:
     @property
     def off_leg_toward_m(self) -> FloatArray | None:
         """(3,) ENU from the vehicle to the nearest point of its leg; None without one."""
-        here, leg = self.place_m, self._leg()
+        here, leg = self.position_m, self._leg()
         if here is None or leg is None:
             return None
-        ways = [leg] if self._rejoins is None else [leg, *_pieces(self._way_on(leg[0], leg[1]))]
-        return min((_nearest_m(here, way) - here for way in ways), key=lambda toward: float(np.linalg.norm(toward)))
+        paths = [leg] if self._rejoins is None else [leg, *_pieces(self._path_on(leg[0], leg[1]))]
+        return min((_nearest_m(here, path) - here for path in paths), key=lambda toward: float(np.linalg.norm(toward)))
 
     def rejoin(self) -> None:
-        """The mission was continued where the mode changed last: autopilots fly to the item from there, see ``_way_on``."""
-        here = self._place_m(self._session.monitor.mode_changed_here)
+        """The mission was continued where the mode changed last: autopilots fly to the item from there, see ``_path_on``."""
+        here = self._position_m(self._session.monitor.mode_changed_here)
         self._rejoins = None if here is None else (self._index, here)
 
     def line_problem(self) -> str | None:
         """Problem of the line from here to the current item; None when it is clear, or off the route."""
-        here, leg, around = self.place_m, self._legs_m.get(self._index), self._plan.volume
+        here, leg, around = self.position_m, self._legs_m.get(self._index), self._plan.volume
         if here is None or leg is None or around is None or self.heading_for <= 0:
             return None
-        points = np.vstack([_along(piece) for piece in _pieces(self._way_on(here, leg[1]))])
+        points = np.vstack([_along(piece) for piece in _pieces(self._path_on(here, leg[1]))])
         heights = [up - around.ground_up_m(east, north) for east, north, up in points.tolist()]
         lowest = min((h for h in heights if not math.isnan(h)), default=math.inf)
         to = f"the straight line from here to waypoint {self.heading_for}"
@@ -176,7 +176,7 @@ class MissionProgress:
     def _climbs_first(self) -> bool:
         return self._session.autopilot.firmware is Firmware.PX4
 
-    def _way_on(self, here: FloatArray, item: FloatArray) -> FloatArray:
+    def _path_on(self, here: FloatArray, item: FloatArray) -> FloatArray:
         """(k, 3) ENU, the continuation of a mission: straight to the item; PX4 climbs first to a higher one."""
         if not self._climbs_first or item[2] <= here[2]:
             return np.vstack([here, item])
@@ -196,7 +196,7 @@ class MissionProgress:
     def update(self) -> None:
         """Read the vehicle's reports, and report a new waypoint."""
         monitor, autopilot, plan = self._session.monitor, self._session.autopilot, self._plan
-        here, passage = self.place_m, self._passage
+        here, passage = self.position_m, self._passage
         if monitor.current_seq < 0 or here is None or self._session.watch.is_open(Ending.MISSION_CHANGED):
             return
         self._look_for_silence()
@@ -206,7 +206,7 @@ class MissionProgress:
         reached = plan.waypoint_of(monitor.reached, autopilot)
         if reached == passage.reached and number in (reached, reached + 1, -1):
             passage.believe(reached + 1)
-        trusted = self._seen_s <= self._trust_until_s
+        trusted = self._observed_s <= self._trust_until_s
         if trusted and number > passage.reached:
             passage.believe(number)
         past = plan.is_past_waypoints(monitor.current_seq, autopilot)
@@ -223,29 +223,29 @@ class MissionProgress:
             self._session.tell(EventKind.STAGE, "flew all planned waypoints; returning")
 
     @property
-    def place_m(self) -> FloatArray | None:
+    def position_m(self) -> FloatArray | None:
         """(3,) ENU, the last reported position of the vehicle; None before the first one."""
-        return self._place_m(self._session.monitor.latest(m.GlobalPositionInt))
+        return self._position_m(self._session.monitor.latest(m.GlobalPositionInt))
 
-    def _place_m(self, here: m.GlobalPositionInt | None) -> FloatArray | None:
+    def _position_m(self, here: m.GlobalPositionInt | None) -> FloatArray | None:
         if here is None:
             return None
-        place_m: FloatArray = self._plan.frame.enu_from_geodetic(here.lat_deg, here.lon_deg, here.alt_amsl_m)[0]
-        return place_m
+        position_m: FloatArray = self._plan.frame.enu_from_geodetic(here.lat_deg, here.lon_deg, here.alt_amsl_m)[0]
+        return position_m
 
     def _look_for_silence(self) -> None:
         """After missing positions, believe the vehicle's reported waypoint for a moment."""
         here = self._session.monitor.latest(m.GlobalPositionInt)
         if here is None:
             return
-        if math.isfinite(self._seen_s) and here.time_boot_s - self._seen_s > PROGRESS.unseen_s:
+        if math.isfinite(self._observed_s) and here.time_boot_s - self._observed_s > PROGRESS.unobserved_s:
             self._trust_until_s = here.time_boot_s + PROGRESS.trust_s
-        self._seen_s = here.time_boot_s
+        self._observed_s = here.time_boot_s
 
 
-def _pieces(way: FloatArray) -> list[FloatArray]:
+def _pieces(path: FloatArray) -> list[FloatArray]:
     """(2, 3) each, the straight pieces of a (k, 3) way."""
-    return [way[number : number + 2] for number in range(len(way) - 1)]
+    return [path[number : number + 2] for number in range(len(path) - 1)]
 
 
 def _along(piece: FloatArray) -> FloatArray:
@@ -289,14 +289,14 @@ class Timetable:
     ends_s: dict[int, float]  # when each leg is ended
     total_s: float  # from take-off to landing
 
-    def planned_s(self, index: int, place_m: FloatArray) -> float | None:
+    def planned_s(self, index: int, position_m: FloatArray) -> float | None:
         """Planned time after take-off at a (3,) ENU position on the leg to an item; None without a leg."""
         leg = self.legs_m.get(index)
         if leg is None:
             return None
         along = leg[1] - leg[0]
         square = float(along @ along)
-        fraction = 1.0 if square == 0.0 else min(1.0, max(0.0, float((place_m - leg[0]) @ along) / square))
+        fraction = 1.0 if square == 0.0 else min(1.0, max(0.0, float((position_m - leg[0]) @ along) / square))
         return self.begins_s[index] + fraction * (self.ends_s[index] - self.begins_s[index])
 
 
@@ -352,7 +352,7 @@ class FlightSchedule:
         needs = plan.needs
         self._table = None if needs is None else timetable(plan, needs.pace)
         self._vehicle = Vehicle() if needs is None or needs.vehicle is None else needs.vehicle
-        self._home_s = None if needs is None else needs.way_home_s
+        self._home_s = None if needs is None else needs.return_s
         endurance_s = self._vehicle.endurance_s
         self._use = BatteryUse(self._vehicle, 100.0 / endurance_s if endurance_s else 0.0)
         self._began: tuple[float, float] | None = None
@@ -364,12 +364,12 @@ class FlightSchedule:
 
     def look(self) -> None:
         """Look whether the flight is late, and whether its reserve lasts; called while the vehicle is in the air."""
-        now_s, place_m = self._session.monitor.time_s, self._progress.place_m
-        if now_s is None or place_m is None or now_s < self._next_s:
+        now_s, position_m = self._session.monitor.time_s, self._progress.position_m
+        if now_s is None or position_m is None or now_s < self._next_s:
             return
         self._next_s = now_s + SCHEDULE.look_every_s
         index = self._plan.index_of(self._session.monitor.current_seq, self._session.autopilot)
-        planned_s = None if self._table is None else self._table.planned_s(index, place_m)
+        planned_s = None if self._table is None else self._table.planned_s(index, position_m)
         if self._began is None:
             self._began = now_s, planned_s or 0.0
         began_s, offset_s = self._began
@@ -388,13 +388,13 @@ class FlightSchedule:
             f"{done_s:.0f} s; it will land after about {self.aloft_s + self.left_s:.0f} s instead of {total_s:.0f} s",
             "the flight is on schedule again",
         )  # fmt: skip
-        self._look_at_reserve(place_m, self.left_s)
+        self._look_at_reserve(position_m, self.left_s)
 
     def must_go_home(self) -> str | None:
         """Reason to end the mission now for the battery's reserve; None while it may go on."""
         return self._must
 
-    def _look_at_reserve(self, place_m: FloatArray, left_s: float) -> None:
+    def _look_at_reserve(self, position_m: FloatArray, left_s: float) -> None:
         vehicle, use = self._vehicle, self._use
         status = self._session.monitor.latest(SysStatus)
         remaining_percent = None if status is None else status.battery_remaining_percent
@@ -415,7 +415,7 @@ class FlightSchedule:
         if self._home_s is None or self._must is not None or use.lasts_on(left_s):
             return
         try:
-            home_s = self._home_s(place_m)
+            home_s = self._home_s(position_m)
         except UavcoverError:  # the ground below the return is not known
             return
         if not use.allows_on(rest_s=left_s, home_s=home_s):

@@ -66,13 +66,13 @@ def find_resume_point(track: Track, waypoints_m: FloatArray, *, radius_m: float)
     """
     passage = Passage(waypoints_m, radius_m=radius_m)
     numbers, begun, begun_at = track.current_waypoint.tolist(), False, 0
-    gaps = np.diff(track.time_s, prepend=track.time_s[:1]) > RESUME.unseen_s
-    for row, (number, place_m) in enumerate(zip(numbers, track.enu_m, strict=True)):
+    gaps = np.diff(track.time_s, prepend=track.time_s[:1]) > RESUME.unobserved_s
+    for row, (number, position_m) in enumerate(zip(numbers, track.enu_m, strict=True)):
         before = passage.reached
         if gaps[row] or (number >= 0 and not begun):
             passage.believe(number)
             begun = True
-        passage.take(number, place_m)
+        passage.take(number, position_m)
         if passage.reached != before:
             begun_at = row
     flown_m = 0.0
@@ -85,7 +85,7 @@ def find_resume_point(track: Track, waypoints_m: FloatArray, *, radius_m: float)
 
 
 def remaining_route(
-    waypoints_m: FloatArray, broken: ResumePoint, *, radius_m: float, sees_along_legs: bool
+    waypoints_m: FloatArray, broken: ResumePoint, *, radius_m: float, observes_along_legs: bool
 ) -> FloatArray:
     """(k, 3) ENU: the rest of a planned route.
 
@@ -96,10 +96,10 @@ def remaining_route(
         waypoints_m: (n, 3) ENU, the planned route.
         broken: where it was interrupted.
         radius_m: the vehicle's acceptance radius.
-        sees_along_legs: whether the sensor also observes between waypoints.
+        observes_along_legs: whether the sensor also observes between waypoints.
     """
     left = waypoints_m[broken.waypoint :]
-    if not sees_along_legs or broken.waypoint == 0 or len(left) == 0:
+    if not observes_along_legs or broken.waypoint == 0 or len(left) == 0:
         return left.copy()
     begin, end = waypoints_m[broken.waypoint - 1], waypoints_m[broken.waypoint]
     length_m = float(np.linalg.norm(end - begin))
@@ -108,21 +108,21 @@ def remaining_route(
     return np.vstack([entry, left])
 
 
-def along_leg_m(place_m: FloatArray, leg_m: FloatArray) -> tuple[float, float]:
+def along_leg_m(position_m: FloatArray, leg_m: FloatArray) -> tuple[float, float]:
     """Distance of a (3,) position along a (2, 3) leg, and aside of it, in metres."""
     along = leg_m[1] - leg_m[0]
     length_m = float(np.linalg.norm(along))
     if length_m == 0.0:
-        return 0.0, float(np.linalg.norm(place_m - leg_m[0]))
-    flown_m = min(length_m, max(0.0, float((place_m - leg_m[0]) @ along) / length_m))
-    return flown_m, float(np.linalg.norm(place_m - leg_m[0] - flown_m / length_m * along))
+        return 0.0, float(np.linalg.norm(position_m - leg_m[0]))
+    flown_m = min(length_m, max(0.0, float((position_m - leg_m[0]) @ along) / length_m))
+    return flown_m, float(np.linalg.norm(position_m - leg_m[0] - flown_m / length_m * along))
 
 
-def _along_m(places_m: FloatArray, on_leg: NDArray[np.bool_], leg_m: FloatArray, *, corridor_m: float) -> float:
+def _along_m(positions_m: FloatArray, on_leg: NDArray[np.bool_], leg_m: FloatArray, *, corridor_m: float) -> float:
     """Length of the leg that the positions follow without leaving it, from the first one on it."""
     flown_m, begun = 0.0, False
-    for place_m, on in zip(places_m, on_leg.tolist(), strict=True):
-        along_m, aside_m = along_leg_m(place_m, leg_m)
+    for position_m, on in zip(positions_m, on_leg.tolist(), strict=True):
+        along_m, aside_m = along_leg_m(position_m, leg_m)
         if not on or aside_m > corridor_m:
             if begun:
                 break
@@ -161,7 +161,7 @@ def find_unfinished(run: RunFolder, site: Site) -> Unfinished:
     broken = find_resume_point(track, planned.route.waypoints_m, radius_m=radius_m)
     left = remaining_route(
         planned.route.waypoints_m, broken, radius_m=radius_m,
-        sees_along_legs=site.scenario.sensor.looks_along_path,
+        observes_along_legs=site.scenario.sensor.looks_along_path,
     )  # fmt: skip
     return Unfinished(latest, planned, track, broken, Route(left), next_folder(run))
 
@@ -223,8 +223,8 @@ def save_part(
 def scenario_of_fleet(sortie: RunFolder) -> str | None:
     """SHA-256 of the fleet's scenario, for a sortie of a different vehicle; None for other plans."""
     record = read_record(sortie)
-    asked = None if record.inputs is None else record.inputs.get("scenario")
-    return asked if asked != record.files.get("scenario.toml") else None
+    requested = None if record.inputs is None else record.inputs.get("scenario")
+    return requested if requested != record.files.get("scenario.toml") else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -391,11 +391,11 @@ def _held_onward(
     flown_m, aside_m = along_leg_m(here_m, planned_m[number - 1 : number + 1])
     near_m = site.scenario.vehicle.acceptance_radius_m
     limits = site.scenario.limits
-    way = np.ascontiguousarray([here_m, planned_m[number]])
+    path = np.ascontiguousarray([here_m, planned_m[number]])
     if (
         aside_m > near_m
         or flown_m > unfinished.broken.flown_m + near_m
-        or find_problems(site, way, lowest_agl_m=limits.min_height_agl_m, highest_agl_m=limits.max_height_agl_m)
+        or find_problems(site, path, lowest_agl_m=limits.min_height_agl_m, highest_agl_m=limits.max_height_agl_m)
     ):
         return None
     compiled = compile_mission(site, unfinished.planned.route, autopilot=vehicle.autopilot)

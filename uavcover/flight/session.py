@@ -33,7 +33,7 @@ class _Following:
     drift_m: float
     calm_s: float
     at_rest_m_s: float
-    most_ways_home: int
+    most_returns: int
     aside_m: float
     home_samples: int
     poll_s: float
@@ -151,7 +151,7 @@ class Session:
             vehicle = self.client.vehicle
         except MisuseError:
             return "not in contact"
-        unproved = "on the ground, according to the vehicle" if monitor.ground.says_landed else "somewhere"
+        unproved = "on the ground, according to the vehicle" if monitor.ground.reports_landed else "somewhere"
         where = {True: "on the ground", False: "in the air", None: unproved}[monitor.on_ground]
         lies = not vehicle.armed and monitor.ground.lies(monitor.time_s)
         if (lies or self.watch.is_open(Ending.CRASHED)) and not monitor.on_ground:
@@ -163,8 +163,8 @@ class Session:
         here = monitor.latest(m.GlobalPositionInt)
         if here is not None:
             old = self.client.clock.now() - (monitor.position_at_s or 0.0) > self.timeouts.deadman_s + self.silence_s
-            place = f"{here.lat_deg:.6f}, {here.lon_deg:.6f}, {here.alt_above_home_m:z.0f} m above home"
-            parts.append(f"last known at {place}" if old else f"at {place}")
+            position = f"{here.lat_deg:.6f}, {here.lon_deg:.6f}, {here.alt_above_home_m:z.0f} m above home"
+            parts.append(f"last known at {position}" if old else f"at {position}")
         return (f"last heard {self.silence_s:.0f} s ago: " if self.is_silent else "") + ", ".join(parts)
 
     def tell(self, kind: EventKind, text: str, *, waypoint: int | None = None, alarm: bool = False) -> None:

@@ -301,7 +301,7 @@ class Watch:
                     f"system ID {self._client.vehicle.system_id}"
                 )
             self.open(Ending.POSITION_LOST, text, now - heard_at)
-        elif (apart_m := self._monitor.places.apart_m) is not None:
+        elif (apart_m := self._monitor.positions.apart_m) is not None:
             text = (
                 f"positions alternate between two places {apart_m:.0f} m apart: the vehicle's position is not known, or two "
                 f"vehicles share system ID {self._client.vehicle.system_id}"

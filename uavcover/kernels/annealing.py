@@ -1,9 +1,10 @@
 """Simulated annealing of a route by single moves with incremental evaluation.
 
-The energy is ``way * cost of the way + waypoint * waypoints + coverage * max(0, goal - seen)``. One proposal draws one change of
-one kind; changes that exceed a limit are never made. Kinds: move a waypoint, change its height, shift a stretch, insert, remove,
-reverse a stretch (for two waypoints a swap: 2-opt). If the order is free: transfer a waypoint to another position in the order
-(Or-opt) or to an unobserved cell, and rebuild the route around a waypoint (:mod:`uavcover.kernels.rebuild`).
+The energy is ``path * cost of the path + waypoint * waypoints + coverage * max(0, goal - observed)``. One proposal draws one
+change of one kind; changes that exceed a limit are never made. Kinds: move a waypoint, change its height, shift a stretch,
+insert, remove, reverse a stretch (for two waypoints a swap: 2-opt). If the order is free: transfer a waypoint to another
+position in the order (Or-opt) or to an unobserved cell, and rebuild the route around a waypoint
+(:mod:`uavcover.kernels.rebuild`).
 """
 
 import math
@@ -30,7 +31,7 @@ from uavcover.kernels.route_state import (
     weigh,
 )
 from uavcover.kernels.route_state_cost import exchange_cost, reversal_cost, transfer_cost
-from uavcover.kernels.search_problem import ALONG_PATH, SearchProblem, allowed_leg, allowed_place, distance, place
+from uavcover.kernels.search_problem import ALONG_PATH, SearchProblem, allowed_leg, allowed_position, distance, position
 from uavcover.kernels.sight import FRUSTUM, Sight
 from uavcover.kernels.surface import height_above, up_above
 
@@ -42,17 +43,17 @@ _STRAIGHT_DOWN = 1e-9
 """Cosine of a camera's pitch below which a leg observes the same cells in both directions."""
 
 
-class Prices(NamedTuple):
+class Weights(NamedTuple):
     """Weights of the terms of the energy.
 
     Attributes:
-        way: of the cost of the path, in metres or in the unit of the objective.
+        path: of the cost of the path, in metres or in the unit of the objective.
         waypoint: of each waypoint.
         coverage: of the missing fraction of the goal.
         goal: fraction of the counted cells, 0..1, above which more coverage has no value.
     """
 
-    way: float
+    path: float
     waypoint: float
     coverage: float
     goal: float
@@ -115,7 +116,7 @@ class Schedule(NamedTuple):
 
 @kernel
 def anneal(
-    problem: SearchProblem, prices: Prices, schedule: Schedule, state: RouteState, rng: np.random.Generator
+    problem: SearchProblem, weights: Weights, schedule: Schedule, state: RouteState, rng: np.random.Generator
 ) -> int:
     """Anneal ``state`` in place; returns the number of accepted proposals.
 
@@ -135,31 +136,31 @@ def anneal(
         draw = rng.random()
         if free_order and schedule.rebuilt > 0.0 and rng.random() < schedule.rebuilt:
             number += _PROPOSALS_PER_REBUILDING - 1
-            if rebuild(problem, prices, state, schedule.rebuilt_heat * allowance, schedule.fewest, schedule.most, rng):
+            if rebuild(problem, weights, state, schedule.rebuilt_heat * allowance, schedule.fewest, schedule.most, rng):
                 kept += 1
             continue
         step = schedule.largest_step_m * math.exp(math.log(moves.smallest_step) * rng.random())
         if draw < moves.turn:
-            done = _turn_round(problem, prices, state, allowance, rng)
+            done = _turn_round(problem, weights, state, allowance, rng)
         elif free_order and draw < to_gap + moves.transfer:
-            done = _transfer(problem, prices, state, allowance, step if draw < to_gap else 0.0, rng)
+            done = _transfer(problem, weights, state, allowance, step if draw < to_gap else 0.0, rng)
         else:
-            done = _exchange(problem, prices, schedule, state, allowance, step, rng)
+            done = _exchange(problem, weights, schedule, state, allowance, step, rng)
         if done:
             kept += 1
     return kept
 
 
 @kernel
-def energy_of_share(prices: Prices, seen: float) -> float:
+def energy_of_coverage(weights: Weights, observed: float) -> float:
     """Energy of the coverage missing to the goal."""
-    return prices.coverage * max(0.0, prices.goal - seen)
+    return weights.coverage * max(0.0, weights.goal - observed)
 
 
 @kernel
 def _exchange(
     problem: SearchProblem,
-    prices: Prices,
+    weights: Weights,
     schedule: Schedule,
     state: RouteState,
     allowance: float,
@@ -201,24 +202,25 @@ def _exchange(
         last = min(n, first + 1 + int(3.0 * rng.random() ** 3))
         if n - (last - first) < schedule.fewest:
             return False
-    return _settle(problem, prices, state, allowance, first, last, fresh)
+    return _settle(problem, weights, state, allowance, first, last, fresh)
 
 
 @kernel
 def _settle(
-    problem: SearchProblem, prices: Prices, state: RouteState, allowance: float, first: int, last: int, fresh: int
+    problem: SearchProblem, weights: Weights, state: RouteState, allowance: float, first: int, last: int, fresh: int
 ) -> bool:
     """Replace waypoints first..last - 1 by the first ``fresh`` of state.fresh; whether the change was accepted."""
     if not exchange_allowed(problem, state, first, last, fresh):
         return False
-    change = prices.way * exchange_cost(problem, state, first, last, fresh) + prices.waypoint * (fresh - (last - first))
-    before = energy_of_share(prices, state.seen[0])
+    more = fresh - (last - first)
+    change = weights.path * exchange_cost(problem, state, first, last, fresh) + weights.waypoint * more
+    before = energy_of_coverage(weights, state.observed[0])
     if change - before > allowance:
         return False  # even if the goal were reached
     gained, new = try_exchange(problem, state, first, last, fresh)
     if new < 0:
         return False
-    if change + energy_of_share(prices, state.seen[0] + gained) - before > allowance:
+    if change + energy_of_coverage(weights, state.observed[0] + gained) - before > allowance:
         return False
     keep_exchange(problem, state, first, last, fresh, new, gained)
     return True
@@ -228,7 +230,7 @@ def _settle(
 def _put(problem: SearchProblem, state: RouteState, first: int, waypoint: int, de: float, dn: float, du: float) -> None:
     """Write a waypoint, moved on the map at the same height above ground plus ``du``, into fresh[waypoint - first]."""
     k = waypoint - first
-    e, n, u = place(state.route, waypoint)
+    e, n, u = position(state.route, waypoint)
     if de != 0.0 or dn != 0.0:
         u = up_above(problem.surface, e + de, n + dn, height_above(problem.surface, e, n, u))
     state.fresh[k, 0], state.fresh[k, 1], state.fresh[k, 2] = e + de, n + dn, u + du
@@ -244,8 +246,8 @@ def _insertion(
     if at + 1 >= state.size[0]:
         return False
     t = rng.random()
-    pe, pn, pu = place(state.route, at)
-    qe, qn, qu = place(state.route, at + 1)
+    pe, pn, pu = position(state.route, at)
+    qe, qn, qu = position(state.route, at + 1)
     e, n, u = pe + t * (qe - pe), pn + t * (qn - pn), pu + t * (qu - pu)
     u = up_above(problem.surface, e + de, n + dn, height_above(problem.surface, e, n, u))
     state.fresh[0, 0], state.fresh[0, 1], state.fresh[0, 2] = e + de, n + dn, u
@@ -275,7 +277,7 @@ def _best_gap(state: RouteState, without: int) -> int:
     Numbers count the route as it is; ``without`` -1 leaves none out. The end of the route is its size.
     """
     n = state.size[0]
-    p = place(state.fresh, 0)
+    p = position(state.fresh, 0)
     best, best_at = math.inf, 0
     before = -1
     for k in range(n + 1):
@@ -283,11 +285,11 @@ def _best_gap(state: RouteState, without: int) -> int:
             continue
         longer = 0.0
         if before >= 0:
-            longer += distance(place(state.route, before), p)
+            longer += distance(position(state.route, before), p)
         if k < n:
-            longer += distance(p, place(state.route, k))
+            longer += distance(p, position(state.route, k))
             if before >= 0:
-                longer -= distance(place(state.route, before), place(state.route, k))
+                longer -= distance(position(state.route, before), position(state.route, k))
         if longer < best:
             best, best_at = longer, k
         before = k
@@ -296,7 +298,7 @@ def _best_gap(state: RouteState, without: int) -> int:
 
 @kernel
 def _transfer(
-    problem: SearchProblem, prices: Prices, state: RouteState, allowance: float, step: float, rng: np.random.Generator
+    problem: SearchProblem, weights: Weights, state: RouteState, allowance: float, step: float, rng: np.random.Generator
 ) -> bool:
     """Move a waypoint to its cheapest position in the order; with a step, to an unseen cell. Whether it was accepted."""
     n = state.size[0]
@@ -307,20 +309,20 @@ def _transfer(
     if step > 0.0:
         if not _near_a_gap(problem, state, step * rng.standard_normal(), step * rng.standard_normal(), rng):
             return False
-        if not allowed_place(problem, place(state.fresh, 0)):
+        if not allowed_position(problem, position(state.fresh, 0)):
             return False
         if problem.apart_m > 0.0 and not keep_apart(problem, state, at, after, 1):
             return False
     else:
-        state.fresh[0, 0], state.fresh[0, 1], state.fresh[0, 2] = place(state.route, at)
+        state.fresh[0, 0], state.fresh[0, 1], state.fresh[0, 2] = position(state.route, at)
     to = _best_gap(state, at)
-    change = prices.way * transfer_cost(problem, state, at, to)
+    change = weights.path * transfer_cost(problem, state, at, to)
     if step > 0.0:
-        share = energy_of_share(prices, state.seen[0])
+        fraction = energy_of_coverage(weights, state.observed[0])
         gained, new = try_exchange(problem, state, at, after, 1)
         if new < 0:
             return False
-        if change + energy_of_share(prices, state.seen[0] + gained) - share > allowance:
+        if change + energy_of_coverage(weights, state.observed[0] + gained) - fraction > allowance:
             return False
         keep_exchange(problem, state, at, after, 1, new, gained)
     elif to in (at, at + 1) or change > allowance:
@@ -331,7 +333,7 @@ def _transfer(
 
 @kernel
 def _turn_round(
-    problem: SearchProblem, prices: Prices, state: RouteState, allowance: float, rng: np.random.Generator
+    problem: SearchProblem, weights: Weights, state: RouteState, allowance: float, rng: np.random.Generator
 ) -> bool:
     """Reverse a stretch of the route (2-opt; for two waypoints, a swap). Whether it was accepted."""
     n = state.size[0]
@@ -340,23 +342,23 @@ def _turn_round(
         i, j = j, i
     if i == j or (i == 0 and j == n - 1):
         return False
-    if problem.sensing == ALONG_PATH and _shows_more_one_way(problem.sight):
+    if problem.sensing == ALONG_PATH and _depends_on_direction(problem.sight):
         # Every leg of the stretch observes other cells in reverse, so exchange all; the stretch is short.
         count = min(j - i + 1, WIDEST)
         for k in range(count):
-            state.fresh[k, 0], state.fresh[k, 1], state.fresh[k, 2] = place(state.route, i + count - 1 - k)
-        return _settle(problem, prices, state, allowance, i, i + count, count)
-    p, q = place(state.route, i), place(state.route, j)
-    change = prices.way * reversal_cost(problem, state, i, j)
-    share = energy_of_share(prices, state.seen[0])
-    if change - share > allowance:
+            state.fresh[k, 0], state.fresh[k, 1], state.fresh[k, 2] = position(state.route, i + count - 1 - k)
+        return _settle(problem, weights, state, allowance, i, i + count, count)
+    p, q = position(state.route, i), position(state.route, j)
+    change = weights.path * reversal_cost(problem, state, i, j)
+    fraction = energy_of_coverage(weights, state.observed[0])
+    if change - fraction > allowance:
         return False
-    if (i > 0 and not allowed_leg(problem, place(state.route, i - 1), q)) or (
-        j < n - 1 and not allowed_leg(problem, p, place(state.route, j + 1))
+    if (i > 0 and not allowed_leg(problem, position(state.route, i - 1), q)) or (
+        j < n - 1 and not allowed_leg(problem, p, position(state.route, j + 1))
     ):
         return False
     if problem.sensing == ALONG_PATH:
-        return _turn_legs_round(problem, prices, state, i, j, allowance - change + share)
+        return _turn_legs_round(problem, weights, state, i, j, allowance - change + fraction)
     if change > allowance:
         return False
     reverse_order(state.slot, i, j)
@@ -365,28 +367,28 @@ def _turn_round(
 
 
 @kernel
-def _shows_more_one_way(sight: Sight) -> bool:
+def _depends_on_direction(sight: Sight) -> bool:
     """Whether a leg observes other cells in the opposite direction: true for a tilted camera that turns with the legs."""
     return sight.kind == FRUSTUM and math.isnan(sight.heading_e) and sight.cos_pitch > _STRAIGHT_DOWN
 
 
 @kernel
-def _turn_legs_round(problem: SearchProblem, prices: Prices, state: RouteState, i: int, j: int, most: float) -> bool:
+def _turn_legs_round(problem: SearchProblem, weights: Weights, state: RouteState, i: int, j: int, most: float) -> bool:
     """Reverse waypoints i..j where legs observe, if the coverage then missing costs no more than ``most``."""
     n = state.size[0]
     segments = segment_count(problem, n)
-    p, q = place(state.route, i), place(state.route, j)
+    p, q = position(state.route, i), position(state.route, j)
     new = 0
     if i > 0:
-        if not list_visible(problem, state, segments, place(state.route, i - 1), q):
+        if not list_visible(problem, state, segments, position(state.route, i - 1), q):
             return False
         new = 1
     if j < n - 1:
-        if not list_visible(problem, state, segments + new, p, place(state.route, j + 1)):
+        if not list_visible(problem, state, segments + new, p, position(state.route, j + 1)):
             return False
         new += 1
     gained = _compare_ends(problem, state, i, j, segments, new)
-    if energy_of_share(prices, state.seen[0] + gained) > most:
+    if energy_of_coverage(weights, state.observed[0] + gained) > most:
         return False
     make_changes(state.changes, state.changed[0], state.counts)
     if i > 0:
@@ -396,7 +398,7 @@ def _turn_legs_round(problem: SearchProblem, prices: Prices, state: RouteState, 
         state.slot[j], state.slot[free] = state.slot[free], state.slot[j]
     reverse_order(state.slot, i, j - 1)
     reverse_rows(state.route, i, j)
-    state.seen[0] += gained
+    state.observed[0] += gained
     return True
 
 

@@ -25,7 +25,7 @@ _ROUNDING = 1e-9
 
 
 @kernel
-def sees(
+def observes(
     surface: Surface,
     sight: Sight,
     aim: Aim,
@@ -115,7 +115,7 @@ def _observe(
 
 
 @allocating_kernel
-def first_seen(
+def first_observed(
     surface: Surface,
     sight: Sight,
     cells: Cells,
@@ -140,7 +140,7 @@ def first_seen(
 
 
 @allocating_kernel
-def seen_often(
+def observed_often(
     surface: Surface,
     sight: Sight,
     cells: Cells,
@@ -152,7 +152,7 @@ def seen_often(
     """(n,) number of the observation with which each cell was observed ``needed`` times, -1 if never.
 
     Observations count in their order. One that is nearer than ``apart_m`` to a counted one for the same cell does not count. See
-    :func:`first_seen` for the rest.
+    :func:`first_observed` for the rest.
     """
     rows, columns = cells.lattice.shape
     found = np.full(cells.centre_m.shape[0], -1, dtype=np.int64)
@@ -176,7 +176,7 @@ def seen_often(
                 cell = cells.lattice[i, j]
                 if cell < 0 or times[cell] == needed or near_another(counted, cell, times[cell], apart_m, ee, en, eu):
                     continue
-                if sees(surface, sight, aim, eyes[k], cells.centre_m[cell], cells.normal[cell]):
+                if observes(surface, sight, aim, eyes[k], cells.centre_m[cell], cells.normal[cell]):
                     counted[cell, times[cell], 0], counted[cell, times[cell], 1] = ee, en
                     counted[cell, times[cell], 2] = eu
                     times[cell] += 1
@@ -198,15 +198,15 @@ def near_another(
 
 
 @allocating_kernel
-def seen_from_points(
+def observed_from_points(
     surface: Surface,
     sight: Sight,
     cells: Cells,
     eyes: NDArray[np.float64],
     headings: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """(n,) whether each cell is observed by any of the observations; see :func:`first_seen`."""
-    return first_seen(surface, sight, cells, eyes, headings) >= 0
+    """(n,) whether each cell is observed by any of the observations; see :func:`first_observed`."""
+    return first_observed(surface, sight, cells, eyes, headings) >= 0
 
 
 @allocating_kernel
@@ -237,7 +237,7 @@ def sample_path(route: NDArray[np.float64], spacing: float) -> NDArray[np.float6
 
 
 @allocating_kernel
-def picture_places(path: NDArray[np.float64], distance: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def photo_positions(path: NDArray[np.float64], distance: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Positions of the photos of a distance-triggered camera on a path: one at once, and then as autopilots trigger.
 
     ArduPilot (AP_Camera) and PX4 (camera_trigger) take the next photo when the straight line over ground from the last photo
@@ -262,9 +262,9 @@ def picture_places(path: NDArray[np.float64], distance: float) -> tuple[NDArray[
             gaps += 1
     # No path is shorter than the straight line, except after a gap; one for the begin, and one for rounding.
     legs = np.zeros(min(n, 1) * (int(over_ground / distance) + gaps + 2), dtype=np.int64)
-    shares = np.zeros(legs.size)
+    fractions = np.zeros(legs.size)
     if n == 0:
-        return legs, shares
+        return legs, fractions
     count = 1
     last_e, last_n = path[0, 0], path[0, 1]
     for leg in range(n - 1):
@@ -282,10 +282,10 @@ def picture_places(path: NDArray[np.float64], distance: float) -> tuple[NDArray[
             if not (at <= 1.0 + _ROUNDING and math.isfinite(missing)):
                 break
             at = min(at, 1.0)
-            legs[count], shares[count] = leg, at
+            legs[count], fractions[count] = leg, at
             count += 1
             last_e, last_n = path[leg, 0] + at * de, path[leg, 1] + at * dn
-    return legs[:count], shares[:count]
+    return legs[:count], fractions[:count]
 
 
 @kernel
@@ -294,7 +294,7 @@ def _distance(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
 
 
 @allocating_kernel
-def sees_each(
+def observes_each(
     surface: Surface,
     sight: Sight,
     eyes: NDArray[np.float64],
@@ -315,7 +315,7 @@ def sees_each(
     out = np.zeros(eyes.shape[0], dtype=np.bool_)
     for i in range(eyes.shape[0]):
         aim = level_aim(sight, headings[i, 0], headings[i, 1])
-        out[i] = sees(surface, sight, aim, eyes[i], centres[i], normals[i])
+        out[i] = observes(surface, sight, aim, eyes[i], centres[i], normals[i])
     return out
 
 

@@ -141,9 +141,9 @@ def _linked(orders: IntArray) -> tuple[IntArray, IntArray]:
     before = np.full((m, n), -1, np.int64)
     after = np.full((m, n), -1, np.int64)
     for j in range(m):
-        for place in range(1, n):
-            before[j, orders[j, place]] = orders[j, place - 1]
-            after[j, orders[j, place - 1]] = orders[j, place]
+        for position in range(1, n):
+            before[j, orders[j, position]] = orders[j, position - 1]
+            after[j, orders[j, position - 1]] = orders[j, position]
     return before, after
 
 

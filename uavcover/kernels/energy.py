@@ -19,7 +19,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels.flight_time import Pace, Place, landing_time, leg_time, speed_over_ground, takeoff_time, turn_time
+from uavcover.kernels.flight_time import (
+    Pace,
+    Position,
+    landing_time,
+    leg_time,
+    speed_over_ground,
+    takeoff_time,
+    turn_time,
+)
 from uavcover.kernels.jit import allocating_kernel, kernel
 
 _GRAVITY_M_S2 = 9.80665
@@ -51,7 +59,7 @@ class Power(NamedTuple):
 
 
 @kernel
-def power_share(power: Power, airspeed_m_s: float, climb_m_s: float) -> float:
+def power_fraction(power: Power, airspeed_m_s: float, climb_m_s: float) -> float:
     """Power as a multiple of that in hover, at a horizontal airspeed with a vertical speed, without gusts."""
     hover, v = power.induced_m_s, airspeed_m_s
     half = 0.5 * v * v
@@ -76,24 +84,24 @@ def in_wind(pace: Pace, east_m_s: float, north_m_s: float) -> Pace:
 
 
 @kernel
-def _share_at(power: Power, pace: Pace, east_m_s: float, north_m_s: float, climb_m_s: float) -> float:
+def _fraction_at(power: Power, pace: Pace, east_m_s: float, north_m_s: float, climb_m_s: float) -> float:
     """Mean power in wind and gusts at a velocity over ground, from the mean square of the airspeed."""
     east, north = east_m_s - pace.wind_east_m_s, north_m_s - pace.wind_north_m_s
     squared = east * east + north * north + 2.0 * power.gust_m_s**2
-    return float(power_share(power, math.sqrt(squared), climb_m_s))
+    return float(power_fraction(power, math.sqrt(squared), climb_m_s))
 
 
 @kernel
 def _speeding_up(power: Power, pace: Pace, east_m_s: float, north_m_s: float, climb_m_s: float) -> float:
     """Mean power while the velocity grows evenly from rest, by Simpson's rule."""
-    rest = _share_at(power, pace, 0.0, 0.0, 0.0)
-    half = _share_at(power, pace, 0.5 * east_m_s, 0.5 * north_m_s, 0.5 * climb_m_s)
-    full = _share_at(power, pace, east_m_s, north_m_s, climb_m_s)
+    rest = _fraction_at(power, pace, 0.0, 0.0, 0.0)
+    half = _fraction_at(power, pace, 0.5 * east_m_s, 0.5 * north_m_s, 0.5 * climb_m_s)
+    full = _fraction_at(power, pace, east_m_s, north_m_s, climb_m_s)
     return (rest + 4.0 * half + full) / 6.0
 
 
 @kernel
-def leg_energy(power: Power, pace: Pace, p: Place, q: Place) -> float:
+def leg_energy(power: Power, pace: Pace, p: Position, q: Position) -> float:
     """Seconds of hovering that the leg from rest at p to rest at q uses.
 
     The time is that of :func:`leg_time`. The speed grows evenly, stays constant and falls evenly, so that the length is right.
@@ -115,35 +123,35 @@ def leg_energy(power: Power, pace: Pace, p: Place, q: Place) -> float:
     scale = speed / length
     e, n, u = east * scale, north * scale, up * scale
     return float(
-        2.0 * ramps * _speeding_up(power, pace, e, n, u) + (time - 2.0 * ramps) * _share_at(power, pace, e, n, u)
+        2.0 * ramps * _speeding_up(power, pace, e, n, u) + (time - 2.0 * ramps) * _fraction_at(power, pace, e, n, u)
     )
 
 
 @kernel
-def turn_energy(power: Power, pace: Pace, p: Place, q: Place, r: Place) -> float:
+def turn_energy(power: Power, pace: Pace, p: Position, q: Position, r: Position) -> float:
     """Energy of passing q beyond that of a stop there, which its two legs count: 0 or less.
 
     Overlapping legs save time near rest: exactly so if power is linear in speed.
     """
-    return float(turn_time(pace, p, q, r) * _share_at(power, pace, 0.0, 0.0, 0.0))
+    return float(turn_time(pace, p, q, r) * _fraction_at(power, pace, 0.0, 0.0, 0.0))
 
 
 @kernel
 def takeoff_energy(power: Power, pace: Pace, height_m: float) -> float:
     """From the ground straight up to rest at a height."""
     time = takeoff_time(pace, height_m)
-    return time * _share_at(power, pace, 0.0, 0.0, height_m / time) if time > 0.0 else 0.0
+    return time * _fraction_at(power, pace, 0.0, 0.0, height_m / time) if time > 0.0 else 0.0
 
 
 @kernel
 def landing_energy(power: Power, pace: Pace, height_m: float) -> float:
     """From rest at a height straight down to the ground."""
     time = landing_time(pace, height_m)
-    return time * _share_at(power, pace, 0.0, 0.0, -height_m / time) if time > 0.0 else 0.0
+    return time * _fraction_at(power, pace, 0.0, 0.0, -height_m / time) if time > 0.0 else 0.0
 
 
 @allocating_kernel
-def column_energies(
+def vertical_energies(
     power: Power, pace: Pace, winds_m_s: NDArray[np.float64], height_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(w,) seconds of hovering of a take-off to a height and (w,) of the landing, in (w, 2) winds."""
@@ -177,14 +185,14 @@ def path_energies(
 
 @allocating_kernel
 def star_energies(
-    power: Power, pace: Pace, winds_m_s: NDArray[np.float64], centre: Place, places: NDArray[np.float64]
+    power: Power, pace: Pace, winds_m_s: NDArray[np.float64], centre: Position, positions: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(w, n) seconds of hovering from a centre to (n, 3) positions and (w, n) back, in (w, 2) winds."""
-    n, winds = places.shape[0], winds_m_s.shape[0]
+    n, winds = positions.shape[0], winds_m_s.shape[0]
     out, back = np.empty((winds, n)), np.empty((winds, n))
     for w in range(winds):
         there = in_wind(pace, winds_m_s[w, 0], winds_m_s[w, 1])
         for k in range(n):
-            p = (places[k, 0], places[k, 1], places[k, 2])
+            p = (positions[k, 0], positions[k, 1], positions[k, 2])
             out[w, k], back[w, k] = leg_energy(power, there, centre, p), leg_energy(power, there, p, centre)
     return out, back

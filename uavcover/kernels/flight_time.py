@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from uavcover.kernels.jit import allocating_kernel, kernel
 
-Place = tuple[float, float, float]
+Position = tuple[float, float, float]
 
 BLENDED = 0
 BRAKED = 1
@@ -116,7 +116,7 @@ def speeds_over_ground(pace: Pace, directions: NDArray[np.float64]) -> NDArray[n
 
 
 @kernel
-def _leg(pace: Pace, p: Place, q: Place) -> _Leg:
+def _leg(pace: Pace, p: Position, q: Position) -> _Leg:
     de, dn, du = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     horizontal = math.hypot(de, dn)
     length = math.sqrt(de * de + dn * dn + du * du)
@@ -170,15 +170,15 @@ def _ramp_state(time: float, leg: _Leg, peak: float, jerk: float) -> tuple[float
 
 
 @kernel
-def stopping_speed(pace: Pace, way: float, end: float) -> float:
-    """The speed from which the speed ``end`` is reached over ``way``, as PX4 counts it (computeMaxSpeedFromDistance)."""
+def stopping_speed(pace: Pace, distance: float, end: float) -> float:
+    """The speed from which the speed ``end`` is reached over ``distance``, as PX4 counts it (computeMaxSpeedFromDistance)."""
     a = pace.acceleration_m_s2
     lag = 4.0 * a * a / pace.jerk_m_s3
-    return 0.5 * (math.sqrt(lag * lag + 4.0 * (2.0 * a * way + end * end)) - lag)
+    return 0.5 * (math.sqrt(lag * lag + 4.0 * (2.0 * a * distance + end * end)) - lag)
 
 
 @kernel
-def _braked_leg(pace: Pace, way: float, most: float, begin: float, end: float) -> tuple[float, float]:
+def _braked_leg(pace: Pace, distance: float, most: float, begin: float, end: float) -> tuple[float, float]:
     """Seconds and peak speed over a way from one speed to another, braking as PX4 does.
 
     The speed v while braking keeps v^2 + v 4 a^2 / j = 2 a x + const. over the rest x of the way, so the time for it is
@@ -186,14 +186,14 @@ def _braked_leg(pace: Pace, way: float, most: float, begin: float, end: float) -
     """
     a, jerk = pace.acceleration_m_s2, pace.jerk_m_s3
     late = a / jerk
-    room = way + begin * (begin - a * late) / (2.0 * a) + end * (end + 4.0 * a * late) / (2.0 * a)
+    room = distance + begin * (begin - a * late) / (2.0 * a) + end * (end + 4.0 * a * late) / (2.0 * a)
     peak = 0.5 * a * (math.sqrt(max(0.0, 6.25 * late * late + 4.0 * room / a)) - 2.5 * late)
     peak = min(most, max(peak, begin, end))
     begin, end = min(begin, peak), min(end, peak)
     faster = _ramp_s(peak - begin, a, jerk)
     slower = (peak - end) / a + 2.0 * late * math.log(peak / end)
     slowing = ((peak - end) * (peak + end) + 4.0 * a * late * (peak - end)) / (2.0 * a)
-    return faster + slower + (way - 0.5 * (peak + begin) * faster - slowing) / peak, peak
+    return faster + slower + (distance - 0.5 * (peak + begin) * faster - slowing) / peak, peak
 
 
 @kernel
@@ -204,12 +204,12 @@ def _settling_s(pace: Pace, leg: _Leg) -> float:
 @kernel
 def _braked_rest_s(pace: Pace, leg: _Leg) -> float:
     """Seconds of a leg from rest to the edge of the waypoint's radius, braking for a stop."""
-    way = max(leg.length_m - pace.corner_radius_m, 0.05 * pace.corner_radius_m)
-    return _braked_leg(pace, way, leg.speed_m_s, 0.0, stopping_speed(pace, pace.corner_radius_m, 0.0))[0]
+    distance = max(leg.length_m - pace.corner_radius_m, 0.05 * pace.corner_radius_m)
+    return _braked_leg(pace, distance, leg.speed_m_s, 0.0, stopping_speed(pace, pace.corner_radius_m, 0.0))[0]
 
 
 @kernel
-def leg_time(pace: Pace, p: Place, q: Place) -> float:
+def leg_time(pace: Pace, p: Position, q: Position) -> float:
     """Seconds from rest at p to rest at q; without a limit of acceleration, at full speed all the way."""
     leg = _leg(pace, p, q)
     if leg.length_m == 0.0:
@@ -232,12 +232,12 @@ def _blended_saving(pace: Pace, a: _Leg, b: _Leg) -> float:
     slower = min(a.speed_m_s, b.speed_m_s) * (1.0 + 1e-9)
     trial = high
     for _ in range(_BISECTIONS):
-        way_a, speed_a, acc_a = _ramp_state(trial, a, peak_a, jerk)
-        way_b, speed_b, acc_b = _ramp_state(trial, b, peak_b, jerk)
+        distance_a, speed_a, acc_a = _ramp_state(trial, a, peak_a, jerk)
+        distance_b, speed_b, acc_b = _ramp_state(trial, b, peak_b, jerk)
         off = math.sqrt(
-            (b.east * way_b - a.east * way_a) ** 2
-            + (b.north * way_b - a.north * way_a) ** 2
-            + (b.up * way_b - a.up * way_a) ** 2
+            (b.east * distance_b - a.east * distance_a) ** 2
+            + (b.north * distance_b - a.north * distance_a) ** 2
+            + (b.up * distance_b - a.up * distance_a) ** 2
         )
         speed = math.sqrt(
             (b.east * speed_b + a.east * speed_a) ** 2
@@ -294,15 +294,15 @@ def _braked_saving(pace: Pace, a: _Leg, b: _Leg) -> float:
     begin = max(0.0, end * cosine)
     saved = 0.0
     for leg in (a, b):
-        way = max(leg.length_m - radius + radius * cosine, 0.05 * radius)
-        passed, peak = _braked_leg(pace, way, leg.speed_m_s, min(begin, leg.speed_m_s), min(end, leg.speed_m_s))
+        distance = max(leg.length_m - radius + radius * cosine, 0.05 * radius)
+        passed, peak = _braked_leg(pace, distance, leg.speed_m_s, min(begin, leg.speed_m_s), min(end, leg.speed_m_s))
         settled = _SETTLING_GAIN * _settling_s(pace, leg) * min(1.0, begin / peak)
         saved += 0.5 * (_braked_rest_s(pace, leg) - passed + settled)
     return saved
 
 
 @kernel
-def turn_time(pace: Pace, p: Place, q: Place, r: Place) -> float:
+def turn_time(pace: Pace, p: Position, q: Position, r: Position) -> float:
     """Extra seconds of passing q compared with a stop, which its two legs count: 0 or less."""
     if pace.acceleration_m_s2 == math.inf:
         return 0.0

@@ -91,11 +91,11 @@ def on_grid(frame: GridFrame, east: float, north: float, up: float) -> tuple[flo
 
 
 @allocating_kernel
-def places_on_grid(frame: GridFrame, places: NDArray[np.float64]) -> NDArray[np.float64]:
+def positions_on_grid(frame: GridFrame, positions: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 2) columns and rows of (n, 3) positions."""
-    out = np.empty((places.shape[0], 2))
-    for i in range(places.shape[0]):
-        out[i, 0], out[i, 1] = on_grid(frame, places[i, 0], places[i, 1], places[i, 2])
+    out = np.empty((positions.shape[0], 2))
+    for i in range(positions.shape[0]):
+        out[i, 0], out[i, 1] = on_grid(frame, positions[i, 0], positions[i, 1], positions[i, 2])
     return out
 
 

@@ -194,8 +194,8 @@ def _slopes_around(surface: Surface, centre: NDArray[np.float64], pieces: int, f
     grid, nodes = surface.grid, surface.up_m
     rows, columns = nodes.shape
     out = np.full((centre.shape[0], SECTORS), math.inf)
-    ways = np.arange(SECTORS + 1) * _SECTOR_RAD
-    ends = np.column_stack((np.cos(ways), np.sin(ways)))
+    bearings = np.arange(SECTORS + 1) * _SECTOR_RAD
+    ends = np.column_stack((np.cos(bearings), np.sin(bearings)))
     east, north = np.empty((3, 3, 4)), np.empty((3, 3, 4))
     slopes = np.empty((3, 3, SECTORS))
     for k in range(centre.shape[0]):

@@ -67,28 +67,28 @@ def keep_compiled(dispatcher: Any) -> None:
 def root() -> Path | None:
     """The folder of all machine code, created if necessary; None if no folder is writable."""
     of_user = AppDirs(appname="uavcover", appauthor=False).user_cache_dir  # type: ignore[no-untyped-call]
-    places = [Path(__file__).parent / "__pycache__", Path(of_user)]
+    locations = [Path(__file__).parent / "__pycache__", Path(of_user)]
     if SETTINGS.CACHE_DIR:
-        places.insert(0, Path(SETTINGS.CACHE_DIR))
-    for place in places:
+        locations.insert(0, Path(SETTINGS.CACHE_DIR))
+    for location in locations:
         with contextlib.suppress(OSError):
-            (place / _FOLDER).mkdir(parents=True, exist_ok=True)
-            tempfile.TemporaryFile(dir=place / _FOLDER).close()
-            return place / _FOLDER
+            (location / _FOLDER).mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=location / _FOLDER).close()
+            return location / _FOLDER
     return None
 
 
 @functools.cache
 def folder(source: Path) -> Path | None:
     """The folder of this state of a file of kernels; created if necessary, older ones removed; None without a folder."""
-    place = root()
-    if place is None:
+    location = root()
+    if location is None:
         return None
-    found = place / f"{source.stem}-{_key(source)}"
+    found = location / f"{source.stem}-{_key(source)}"
     with contextlib.suppress(OSError):
         if not found.is_dir():
             found.mkdir(exist_ok=True)
-            _remove_old(place, source.stem)
+            _remove_old(location, source.stem)
         os.utime(found)  # newer than unused ones
     return found
 
@@ -113,40 +113,40 @@ def _sources(source: Path) -> set[Path]:
         if file not in found and file.is_file():
             found.add(file)
             for module, name in _IMPORT.findall(file.read_text(encoding="utf-8")):
-                place = _PACKAGE.joinpath(*module.split("."))
-                ahead += [place.with_suffix(".py"), place / f"{name}.py"]
+                location = _PACKAGE.joinpath(*module.split("."))
+                ahead += [location.with_suffix(".py"), location / f"{name}.py"]
     return found
 
 
-def _remove_old(place: Path, stem: str) -> None:
-    ages = {path: path.stat().st_mtime_ns for path in place.glob(f"{stem}-*") if path.is_dir()}
+def _remove_old(location: Path, stem: str) -> None:
+    ages = {path: path.stat().st_mtime_ns for path in location.glob(f"{stem}-*") if path.is_dir()}
     for path in sorted(ages, key=lambda path: ages[path], reverse=True)[_KEPT:]:
         shutil.rmtree(path, ignore_errors=True)
-    for path in place.parent.glob(f"{_FOLDER}-*"):  # of versions that kept all files together
+    for path in location.parent.glob(f"{_FOLDER}-*"):  # of versions that kept all files together
         shutil.rmtree(path, ignore_errors=True)
 
 
 class _Locator:
     """Locates the machine code of a kernel for numba, with its key."""
 
-    def __init__(self, function: Callable[..., object], file: str, place: Path) -> None:
+    def __init__(self, function: Callable[..., object], file: str, location: Path) -> None:
         self._py_file = file  # named so in numba's warnings
         self._line = function.__code__.co_firstlineno
-        self._place = place
+        self._location = location
 
     @classmethod
     def from_function(cls, function: Callable[..., object], file: str) -> "_Locator | None":
-        place = folder(Path(file))
-        return None if place is None else cls(function, file, place)
+        location = folder(Path(file))
+        return None if location is None else cls(function, file, location)
 
     def ensure_cache_path(self) -> None:
-        self._place.mkdir(parents=True, exist_ok=True)
+        self._location.mkdir(parents=True, exist_ok=True)
 
     def get_cache_path(self) -> str:
-        return str(self._place)
+        return str(self._location)
 
     def get_source_stamp(self) -> str:
-        return self._place.name
+        return self._location.name
 
     def get_disambiguator(self) -> str:
         return str(self._line)

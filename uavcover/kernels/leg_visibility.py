@@ -65,7 +65,7 @@ def list_cells(
         p: east, north, up of one end, metres, finite.
         q: of the other end; the same for a single place.
         spacing: largest distance between samples, metres.
-        trigger: distance between photos, metres, which then take the place of the samples (:func:`leg_surely_shows`); 0: none.
+        trigger: distance between photos, metres, which then replace the samples (:func:`leg_certainly_observes`); 0: none.
         out: (stride,) is written from its beginning.
 
     Returns:
@@ -80,7 +80,7 @@ def list_cells(
     last_row = min(rows - 1, math.floor((north - cells.north0_m) / cells.size_m))
     horizontal2 = de * de + dn * dn
     per_length2 = 1.0 / horizontal2 if horizontal2 > 0.0 else 0.0
-    picture = sight.kind == FRUSTUM
+    photo = sight.kind == FRUSTUM
     tan = sight.tan_half_fov
     # How fast the radius of a cone on the ground grows along the leg; where it grows slower than the leg moves on, a cell
     # beside the leg is observed from somewhere on its straight line when radius^2 >= distance^2 (1 - growth^2) at the nearest
@@ -125,21 +125,21 @@ def list_cells(
                 beside2 = (ae + along * de) ** 2 + (an + along * dn) ** 2
                 if radius <= 0.0 or beside2 * (1.0 - growth2) > radius * radius * (1.0 + _ROUNDING):
                     continue
-            seen = False
-            if not picture:
+            observed = False
+            if not photo:
                 likely = math.floor(nearest * pieces + 0.5)
                 t = likely * piece
                 e, n, u = ae + t * de, an + t * dn, p[2] - cells.centre_m[cell, 2] + t * du
                 # Test the view first, inlined: it decides most cells, and a call with the ground costs as much again.
-                seen = in_round_view(
+                observed = in_round_view(
                     sight, e, n, u, cells.normal[cell, 0], cells.normal[cell, 1], cells.normal[cell, 2]
                 )
             clear = max(steepest, cells.horizon[cell]) * widest <= 1.0
             if trigger > 0.0:
-                seen = leg_surely_shows(surface, sight, cells, cell, p, (de, dn, du), trigger, over_nodes)
-            elif not (seen and clear) and (seen or pieces > 0 or picture):
-                seen = leg_sees_cell(surface, sight, cells, cell, p, (de, dn, du), pieces, over_nodes)
-            if seen:
+                observed = leg_certainly_observes(surface, sight, cells, cell, p, (de, dn, du), trigger, over_nodes)
+            elif not (observed and clear) and (observed or pieces > 0 or photo):
+                observed = leg_observes_cell(surface, sight, cells, cell, p, (de, dn, du), pieces, over_nodes)
+            if observed:
                 if count == out.size:
                     return -1
                 out[count] = cell
@@ -148,7 +148,7 @@ def list_cells(
 
 
 @kernel
-def leg_sees_cell(
+def leg_observes_cell(
     surface: Surface,
     sight: Sight,
     cells: Cells,
@@ -182,7 +182,7 @@ def leg_sees_cell(
             )
             low, high = max(low, cone_low), min(high, cone_high)
         elif sight.kind == FRUSTUM:
-            low, high = _inside_picture(sight, level_aim(sight, de, dn), low, high, (ae, an, au), d)
+            low, high = _inside_photo(sight, level_aim(sight, de, dn), low, high, (ae, an, au), d)
         if low > high:
             return False
         first = max(0, math.ceil(low * pieces - _ROUNDING * pieces))
@@ -212,7 +212,7 @@ def leg_sees_cell(
 
 
 @kernel
-def leg_surely_shows(
+def leg_certainly_observes(
     surface: Surface,
     sight: Sight,
     cells: Cells,
@@ -247,7 +247,7 @@ def leg_surely_shows(
         ae * d[0] + an * d[1] + au * d[2],
         ae * ae + an * an + au * au - sight.reach_m * sight.reach_m,
     )
-    low, high = _inside_picture(sight, level_aim(sight, de, dn), low, high, (ae, an, au), d)
+    low, high = _inside_photo(sight, level_aim(sight, de, dn), low, high, (ae, an, au), d)
     first, last = low + half, high - half
     if not first <= last:
         return False
@@ -310,7 +310,7 @@ def _inside(a: float, b: float, c: float) -> tuple[float, float]:
 
 
 @kernel
-def _inside_picture(sight: Sight, aim: Aim, low: float, high: float, a: Point, d: Point) -> tuple[float, float]:
+def _inside_photo(sight: Sight, aim: Aim, low: float, high: float, a: Point, d: Point) -> tuple[float, float]:
     """The part of low..high of a leg on which a cell is between the four side planes of the photo.
 
     The sensor is at a + t d from the cell. Empty (low above high) if the camera's orientation is unknown.

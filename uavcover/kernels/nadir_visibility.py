@@ -21,7 +21,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.cells import Cells
 from uavcover.kernels.horizon import CLEAR_FROM
 from uavcover.kernels.jit import kernel
-from uavcover.kernels.leg_visibility import leg_sees_cell, samples_of_leg
+from uavcover.kernels.leg_visibility import leg_observes_cell, samples_of_leg
 from uavcover.kernels.sight import CONE, NO_LINE_OF_SIGHT, RAY, Sight, horizontal_reach
 from uavcover.kernels.surface import Surface, has_node_cell
 
@@ -280,16 +280,16 @@ def list_cone_runs(
         _mark_row(cells, quick, i, first, last, p, de, dn, du, tan, pieces, sight.reach_m**2, row)
         inside = False
         for j in range(first, last + 1):
-            seen = row[j - first] == _INSIDE
+            observed = row[j - first] == _INSIDE
             if row[j - first] == _TO_BE_TRIED:
                 cell = cells.lattice[i, j]
-                seen = leg_sees_cell(surface, sight, cells, cell, p, (de, dn, du), pieces, over_nodes)
-            if seen != inside:
+                observed = leg_observes_cell(surface, sight, cells, cell, p, (de, dn, du), pieces, over_nodes)
+            if observed != inside:
                 if count == out.size:
                     return -1
                 out[count] = i * columns + j
                 count += 1
-                inside = seen
+                inside = observed
         if inside:
             if count == out.size:
                 return -1

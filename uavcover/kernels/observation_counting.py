@@ -20,9 +20,9 @@ from uavcover.kernels.sight import (
     DISC,
     FRUSTUM,
     MIDPOINT,
+    OBSERVED,
     OCCLUDED,
     RAY,
-    SEEN,
     SPHERE,
     LocalSlopes,
     Sight,
@@ -85,10 +85,10 @@ class ObservationCounts(NamedTuple):
         nearest_m: shortest distance of an observation, infinite: never.
         ground_sample_m: smallest ground sample distance of an observation, infinite: never, or unknown.
         cos_incidence: cosine of the smallest incidence angle of an observation, -1: never.
-        outcome: uint8, the best result of any observation: NOT_IN_RANGE, TOO_OBLIQUE, TOO_COARSE, OCCLUDED, SEEN.
+        outcome: uint8, the best result of any observation: NOT_IN_RANGE, TOO_OBLIQUE, TOO_COARSE, OCCLUDED, OBSERVED.
         sure: int32, number of counted observations that hold for every error, at most the required number.
         possible: int32, number of those that hold for some error, at most the required number.
-        places: (3, n, needed, 3) positions of the counted observations: as measured, surely, possibly.
+        positions: (3, n, needed, 3) positions of the counted observations: as measured, surely, possibly.
         looks: probabilities of detection; for no cell if not requested.
     """
 
@@ -101,7 +101,7 @@ class ObservationCounts(NamedTuple):
     outcome: NDArray[np.uint8]
     sure: NDArray[np.int32]
     possible: NDArray[np.int32]
-    places: NDArray[np.float64]
+    positions: NDArray[np.float64]
     looks: Looks
 
 
@@ -117,7 +117,7 @@ def no_observations(count: int, needed: int = 1, *, searched: bool = False) -> O
         outcome=np.zeros(count, dtype=np.uint8),
         sure=np.zeros(count, dtype=np.int32),
         possible=np.zeros(count, dtype=np.int32),
-        places=np.zeros((3, count if needed > 1 else 0, needed, 3)),
+        positions=np.zeros((3, count if needed > 1 else 0, needed, 3)),
         looks=no_looks(count if searched else 0),
     )
 
@@ -186,7 +186,7 @@ def count_rows(
                 if outcome == OCCLUDED and _unhidden(
                     surface, slopes, sight, cells.horizon[cell], 0.0, (ee, en, eu), (ce, cn, cu)
                 ):
-                    outcome = SEEN
+                    outcome = OBSERVED
                     _note(sight, camera, k, times_s[k], cell, (ee, en, eu), math.sqrt(distance2), depth, facing, counts)
                     if counts.looks.missed.size > 0 and facing > 0.0:
                         sample_m = ground_sample_m(camera.focal_px, depth, facing)
@@ -198,7 +198,7 @@ def count_rows(
                 horizon, beside, lift = cells.horizon[cell], camera.horizontal_m, camera.lift_m
                 eye = (ee, en, eu)
                 if (
-                    outcome == SEEN
+                    outcome == OBSERVED
                     and counts.sure[cell] < camera.needed
                     and _sure_in_view(sight, camera, horizontal2, distance2, depth, across, along, facing)
                     and _unhidden(surface, slopes, sight, horizon, beside, (ee, en, eu - lift), (ce, cn, cu))
@@ -206,7 +206,7 @@ def count_rows(
                     counts.sure[cell] += _is_new(camera, counts, 1, cell, counts.sure[cell], 2.0 * camera.offset_m, eye)
                 # From a nearby position, an obstacle may not block the ray.
                 if counts.possible[cell] < camera.needed and (
-                    outcome == SEEN
+                    outcome == OBSERVED
                     or (
                         _possible_in_view(sight, camera, horizontal2, distance2, depth, across, along, facing)
                         and _unhidden(surface, slopes, sight, horizon, -beside, (ee, en, eu + lift), (ce, cn, cu))
@@ -230,14 +230,14 @@ def _is_new(
     """1 if an observation is ``apart_m`` and ``further_m`` from a cell's counted ones, and add its position; otherwise 0."""
     if camera.needed == 1:
         return 1
-    places = counts.places[which]
+    positions = counts.positions[which]
     # Below 0, any two observations may have been far enough apart.
     apart_m = max(0.0, camera.apart_m + further_m)
-    if near_another(places, cell, min(times, camera.needed), apart_m, eye[0], eye[1], eye[2]):
+    if near_another(positions, cell, min(times, camera.needed), apart_m, eye[0], eye[1], eye[2]):
         return 0
     if times < camera.needed:
         for axis in range(3):
-            places[cell, times, axis] = eye[axis]
+            positions[cell, times, axis] = eye[axis]
     return 1
 
 

@@ -35,7 +35,7 @@ def worst_breach(
         number of the prism, -1 if the line is clear of all; missing metres; its parameter 0..1.
     """
     (pe, pn, pu), (qe, qn, qu) = p, q
-    worst, lacking, place = -1, 0.0, 0.0
+    worst, lacking, position = -1, 0.0, 0.0
     for prism in _near_line(obstacles, pe, pn, qe, qn):
         if clear_of(obstacles, prism, p, q, beside, above):
             continue
@@ -46,8 +46,8 @@ def worst_breach(
             if beside - distance < higher:
                 higher, at = beside - distance, nearest_at
         if higher > lacking:
-            worst, lacking, place = prism, higher, at
-    return worst, lacking, place
+            worst, lacking, position = prism, higher, at
+    return worst, lacking, position
 
 
 @allocating_kernel
@@ -216,19 +216,19 @@ _COARSE = 8
 
 @allocating_kernel
 def edge_distances_m(
-    footprints: ObstaclePrisms, numbers: NDArray[np.int64], places: NDArray[np.float64]
+    footprints: ObstaclePrisms, numbers: NDArray[np.int64], positions: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """(k, m) distances of (k, m, 2) positions along lines from the edges of one footprint each.
 
     Footprints are given by their number (k,). -1 if another position of the line is certainly farther away: the distance changes
     by at most the spacing of the positions, so most of them are known from every eighth.
     """
-    count = places.shape[1]
-    out = np.full((places.shape[0], count), -1.0)
-    for k in range(places.shape[0]):
+    count = positions.shape[1]
+    out = np.full((positions.shape[0], count), -1.0)
+    for k in range(positions.shape[0]):
         farthest = -1.0
         for j in range(0, count, _COARSE):
-            out[k, j] = _edge_distance_m(footprints, numbers[k], places[k, j, 0], places[k, j, 1])
+            out[k, j] = _edge_distance_m(footprints, numbers[k], positions[k, j, 0], positions[k, j, 1])
             farthest = max(farthest, out[k, j])
         for j in range(count):
             if out[k, j] >= 0.0:
@@ -237,10 +237,12 @@ def edge_distances_m(
             most = math.inf
             for other in (before, before + _COARSE):
                 if other < count:
-                    apart = math.hypot(places[k, j, 0] - places[k, other, 0], places[k, j, 1] - places[k, other, 1])
+                    apart = math.hypot(
+                        positions[k, j, 0] - positions[k, other, 0], positions[k, j, 1] - positions[k, other, 1]
+                    )
                     most = min(most, out[k, other] + apart)
             if most >= farthest:
-                out[k, j] = _edge_distance_m(footprints, numbers[k], places[k, j, 0], places[k, j, 1])
+                out[k, j] = _edge_distance_m(footprints, numbers[k], positions[k, j, 0], positions[k, j, 1])
                 farthest = max(farthest, out[k, j])
     return out
 
@@ -256,7 +258,7 @@ def parts_over(
         a footprint as a whole or not at all.
     """
     owners = np.empty(max(16, numbers.size), dtype=np.int64)
-    shares = np.empty((owners.size, 2))
+    fractions = np.empty((owners.size, 2))
     count = 0
     for k in range(numbers.size):
         pe, pn = lines[k, 0], lines[k, 1]
@@ -272,8 +274,8 @@ def parts_over(
                 side_a, side_b = de * an - dn * ae, de * bn - dn * be
                 if (side_a > 0.0) == (side_b > 0.0):
                     continue
-                share = side_a / (side_a - side_b)
-                t = ((ae + share * (be - ae)) * de + (an + share * (bn - an)) * dn) / (de * de + dn * dn)
+                fraction = side_a / (side_a - side_b)
+                t = ((ae + fraction * (be - ae)) * de + (an + fraction * (bn - an)) * dn) / (de * de + dn * dn)
                 if 0.0 < t < 1.0:
                     at[crossings] = t
                     crossings += 1
@@ -287,10 +289,10 @@ def parts_over(
                 joins = False
                 continue
             if joins:
-                shares[count - 1, 1] = at[j + 1]
+                fractions[count - 1, 1] = at[j + 1]
                 continue
             if count == owners.size:
-                owners, shares = np.concatenate((owners, owners)), np.concatenate((shares, shares))
-            owners[count], shares[count, 0], shares[count, 1] = k, at[j], at[j + 1]
+                owners, fractions = np.concatenate((owners, owners)), np.concatenate((fractions, fractions))
+            owners[count], fractions[count, 0], fractions[count, 1] = k, at[j], at[j + 1]
             count, joins = count + 1, True
-    return owners[:count].copy(), shares[:count].copy()
+    return owners[:count].copy(), fractions[:count].copy()

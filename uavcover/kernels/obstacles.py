@@ -204,8 +204,8 @@ def over_footprint(
         # A corner on the line belongs to one side: of the edges that meet there, an odd number crosses, or none.
         if (side_a > 0.0) == (side_b > 0.0):
             continue
-        share = side_a / (side_a - side_b)
-        t = ((ae + share * (be - ae)) * de + (an + share * (bn - an)) * dn) / length2
+        fraction = side_a / (side_a - side_b)
+        t = ((ae + fraction * (be - ae)) * de + (an + fraction * (bn - an)) * dn) / length2
         if t > begin + _ROUNDING:
             if t < end - _ROUNDING:
                 return True

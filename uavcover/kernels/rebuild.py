@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from uavcover.kernels.jit import allocating_kernel, inlined_kernel, kernel
 from uavcover.kernels.route_state import RouteState, exchange_allowed, keep_exchange, try_exchange
 from uavcover.kernels.route_state_cost import exchange_cost
-from uavcover.kernels.search_problem import SearchProblem, place
+from uavcover.kernels.search_problem import SearchProblem, position
 from uavcover.kernels.sight import CONE, FRUSTUM, SPHERE, Sight, horizontal_reach
 from uavcover.kernels.surface import height_above, up_above
 
@@ -48,7 +48,7 @@ def radius_at(sight: Sight, above: float) -> float:
 
 
 @kernel
-def _both_ways(a: tuple[float, float], b: tuple[float, float], e: float, n: float) -> float:
+def _length_via(a: tuple[float, float], b: tuple[float, float], e: float, n: float) -> float:
     return math.hypot(a[0] - e, a[1] - n) + math.hypot(b[0] - e, b[1] - n)
 
 
@@ -57,8 +57,8 @@ def _nearest_on_line(a: tuple[float, float], b: tuple[float, float], e: float, n
     """The place of the straight line a-b that is nearest to a place."""
     de, dn = b[0] - a[0], b[1] - a[1]
     length2 = de * de + dn * dn
-    share = 0.0 if length2 == 0.0 else min(1.0, max(0.0, ((e - a[0]) * de + (n - a[1]) * dn) / length2))
-    return a[0] + share * de, a[1] + share * dn
+    fraction = 0.0 if length2 == 0.0 else min(1.0, max(0.0, ((e - a[0]) * de + (n - a[1]) * dn) / length2))
+    return a[0] + fraction * de, a[1] + fraction * dn
 
 
 @kernel
@@ -114,7 +114,7 @@ def _best_angle(
     best, best_at = math.inf, low
     for k in range(_SAMPLES + 1):
         angle = low + k * step
-        long = _both_ways(a, b, ce + radius * math.cos(angle), cn + radius * math.sin(angle))
+        long = _length_via(a, b, ce + radius * math.cos(angle), cn + radius * math.sin(angle))
         if long < best:
             best, best_at = long, angle
     first, last = max(low, best_at - step), min(high, best_at + step)
@@ -130,7 +130,7 @@ def _best_angle(
         else:
             first = angle
     angle = 0.5 * (first + last)
-    if _both_ways(a, b, ce + radius * math.cos(angle), cn + radius * math.sin(angle)) < best:
+    if _length_via(a, b, ce + radius * math.cos(angle), cn + radius * math.sin(angle)) < best:
         return angle
     return best_at
 
@@ -140,13 +140,13 @@ def _neighbours(
     problem: SearchProblem, state: RouteState, before: int, behind: int
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Positions of two waypoints on the map; beyond the ends of the route, home, or the other of the two."""
-    a = b = (problem.way.column_top[0], problem.way.column_top[1])
+    a = b = (problem.path_cost.climb_out_top[0], problem.path_cost.climb_out_top[1])
     n = state.size[0]
     if before >= 0:
         a = (state.route[before, 0], state.route[before, 1])
     if behind < n:
         b = (state.route[behind, 0], state.route[behind, 1])
-    if problem.way.mission != 1:
+    if problem.path_cost.mission != 1:
         a, b = (b if before < 0 else a), (a if behind >= n else b)
     return a, b
 
@@ -166,20 +166,20 @@ def _change(
     done = int(undo[0, 0])
     undo[done + 1, 0], undo[done + 1, 1], undo[done + 1, 2] = first, last - first, fresh
     if last > first:
-        undo[done + 1, 3], undo[done + 1, 4], undo[done + 1, 5] = place(state.route, first)
+        undo[done + 1, 3], undo[done + 1, 4], undo[done + 1, 5] = position(state.route, first)
     undo[0, 0] = done + 1
     keep_exchange(problem, state, first, last, fresh, new, gained)
 
 
 @inlined_kernel
-def _undo(problem: SearchProblem, state: RouteState, undo: NDArray[np.float64], seen: float) -> None:
+def _undo(problem: SearchProblem, state: RouteState, undo: NDArray[np.float64], observed: float) -> None:
     """Undo all exchanges."""
     for k in range(int(undo[0, 0]), 0, -1):
         first, removed, fresh = int(undo[k, 0]), int(undo[k, 1]), int(undo[k, 2])
         state.fresh[0, 0], state.fresh[0, 1], state.fresh[0, 2] = undo[k, 3], undo[k, 4], undo[k, 5]
         gained, new = try_exchange(problem, state, first, first + fresh, removed)
         keep_exchange(problem, state, first, first + fresh, removed, new, gained)
-    state.seen[0] = seen
+    state.observed[0] = observed
 
 
 @inlined_kernel
@@ -193,7 +193,7 @@ def _remove_near(
 ) -> tuple[float, int, float]:
     """Remove the waypoints nearest to one: change of cost, number of cells written to ``lost``, and their distance."""
     apart2 = np.empty(state.size[0])
-    e, n, _ = place(state.route, seed)
+    e, n, _ = position(state.route, seed)
     for k in range(apart2.size):
         apart2[k] = (state.route[k, 0] - e) ** 2 + (state.route[k, 1] - n) ** 2
     chosen = np.empty(number, dtype=np.int64)
@@ -240,7 +240,7 @@ def _see_again(
         apart = math.hypot(e - ce, n - cn)
         if apart > radius:
             e, n = ce + (e - ce) * radius / apart, cn + (n - cn) * radius / apart
-        longer = _both_ways(a, b, e, n) - long
+        longer = _length_via(a, b, e, n) - long
         if longer < best and rng.random() >= _BLINK:
             best, at, be, bn = longer, k, e, n
     if at < 0:
@@ -273,7 +273,7 @@ def pull(
     Returns:
         Change of cost, at most 0; whether the waypoint was removed.
     """
-    e, n, u = place(state.route, k)
+    e, n, u = position(state.route, k)
     runs, size = state.runs[state.slot[k]], state.sizes[state.slot[k]]
     columns, count = problem.cells.lattice.shape[1], 0
     for i in range(0, size, 2):
@@ -293,11 +293,11 @@ def pull(
         return cost, True
     a, b = _neighbours(problem, state, k - 1, k + 1)
     be, bn = best_between(a, b, (e, n), discs, count)
-    if _both_ways(a, b, e, n) - _both_ways(a, b, be, bn) <= least:
+    if _length_via(a, b, e, n) - _length_via(a, b, be, bn) <= least:
         return 0.0, False
     above = height_above(problem.surface, e, n, u)
-    for share in (1.0, 0.5):
-        te, tn = e + share * (be - e), n + share * (bn - n)
+    for fraction in (1.0, 0.5):
+        te, tn = e + fraction * (be - e), n + fraction * (bn - n)
         state.fresh[0, 0], state.fresh[0, 1], state.fresh[0, 2] = te, tn, up_above(problem.surface, te, tn, above)
         if not exchange_allowed(problem, state, k, k + 1, 1):
             continue
@@ -314,7 +314,7 @@ def pull(
 @allocating_kernel
 def rebuild(
     problem: SearchProblem,
-    prices: tuple[float, float, float, float],
+    weights: tuple[float, float, float, float],
     state: RouteState,
     allowance: float,
     fewest: int,
@@ -325,7 +325,7 @@ def rebuild(
 
     Args:
         problem: senses at waypoints, in any order.
-        prices: of the way, of a waypoint, and of the coverage that is missing to a goal, which comes last.
+        weights: of the path, of a waypoint, and of the coverage that is missing to a goal, which comes last.
         state: is changed.
         allowance: by how much the energy may rise.
         fewest: waypoints are not removed below this.
@@ -336,9 +336,9 @@ def rebuild(
     number = min(size - fewest, 1 + int(rng.random() * _MOST_REMOVED))
     if number < 1:
         return False
-    way, waypoint, coverage, goal = prices
-    seen, seed = state.seen[0], int(rng.random() * size)
-    e, n, u = place(state.route, seed)
+    path, waypoint, coverage, goal = weights
+    observed, seed = state.observed[0], int(rng.random() * size)
+    e, n, u = position(state.route, seed)
     above = height_above(problem.surface, e, n, u)
     if rng.random() < 0.5:
         low, high = problem.limits.lowest_agl_m, problem.limits.highest_agl_m
@@ -348,7 +348,8 @@ def rebuild(
     undo = np.zeros((_MOST_CHANGES, 6))
     cost, count, farthest = _remove_near(problem, state, undo, seed, number, lost)
     columns = problem.cells.lattice.shape[1]
-    while count > 0 and state.seen[0] < min(goal, seen) and state.size[0] < most and undo[0, 0] < 0.5 * _MOST_CHANGES:
+    enough = min(goal, observed)
+    while count > 0 and state.observed[0] < enough and state.size[0] < most and undo[0, 0] < 0.5 * _MOST_CHANGES:
         i = int(rng.random() * count)
         square = lost[i]
         count -= 1
@@ -367,11 +368,11 @@ def rebuild(
                 if gone:
                     continue
             k += 1
-        if way * (before - cost) <= _LEAST_GAIN * radius:
+        if path * (before - cost) <= _LEAST_GAIN * radius:
             break
-    change = way * cost + waypoint * (state.size[0] - size)
-    change += coverage * (max(0.0, goal - state.seen[0]) - max(0.0, goal - seen))
+    change = path * cost + waypoint * (state.size[0] - size)
+    change += coverage * (max(0.0, goal - state.observed[0]) - max(0.0, goal - observed))
     if change <= allowance:
         return True
-    _undo(problem, state, undo, seen)
+    _undo(problem, state, undo, observed)
     return False

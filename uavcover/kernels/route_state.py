@@ -21,15 +21,15 @@ from uavcover.kernels.nadir_visibility import (
     weigh_changes,
     weigh_often,
 )
-from uavcover.kernels.picture_visibility import list_picture_runs
+from uavcover.kernels.photo_visibility import list_photo_runs
 from uavcover.kernels.search_problem import (
     ALONG_PATH,
     AT_WAYPOINTS,
     SearchProblem,
     allowed_leg,
-    allowed_place,
+    allowed_position,
     distance,
-    place,
+    position,
 )
 
 WIDEST = 8
@@ -52,7 +52,7 @@ class RouteState(NamedTuple):
         runs: (capacity + WIDEST + 1, stride) squares that each segment observes, as of :mod:`uavcover.kernels.nadir_visibility`.
         sizes: (capacity + WIDEST + 1,) length of each set.
         counts: (rows * columns,) number of segments that observe each square.
-        seen: (1,) weight of the cells that are observed, 0..1.
+        observed: (1,) weight of the cells that are observed, 0..1.
         fresh: (WIDEST, 3) waypoints that a change puts in.
         changes: (m, 3) what a change does to the counts.
         changed: (1,) number of its rows.
@@ -68,7 +68,7 @@ class RouteState(NamedTuple):
     runs: NDArray[np.int32]
     sizes: NDArray[np.int64]
     counts: NDArray[np.uint16]
-    seen: NDArray[np.float64]
+    observed: NDArray[np.float64]
     fresh: NDArray[np.float64]
     changes: NDArray[np.int32]
     changed: NDArray[np.int64]
@@ -96,7 +96,7 @@ class RouteState(NamedTuple):
             runs=np.zeros((sets, stride), dtype=np.int32),
             sizes=np.zeros(sets, dtype=np.int64),
             counts=np.zeros(squares, dtype=np.uint16),
-            seen=np.zeros(1),
+            observed=np.zeros(1),
             fresh=np.zeros((WIDEST, 3)),
             changes=np.zeros((MOST_SETS * stride, 3), dtype=np.int32),
             changed=np.zeros(1, dtype=np.int64),
@@ -119,12 +119,12 @@ def recount(problem: SearchProblem, state: RouteState) -> bool:
     n = state.size[0]
     for square in range(state.counts.size):
         state.counts[square] = 0
-    state.seen[0] = 0.0
+    state.observed[0] = 0.0
     for k in range(segment_count(problem, n)):
         other = min(k + 1, n - 1) if problem.sensing == ALONG_PATH else k
-        if not list_visible(problem, state, k, place(state.route, k), place(state.route, other)):
+        if not list_visible(problem, state, k, position(state.route, k), position(state.route, other)):
             return False
-        state.seen[0] += compare_segments(problem, state, k, k, k, k + 1)
+        state.observed[0] += compare_segments(problem, state, k, k, k, k + 1)
         make_changes(state.changes, state.changed[0], state.counts)
     return True
 
@@ -147,11 +147,11 @@ def list_visible(
         state.runs[number],
     )
     if found == NOT_SO:
-        found = list_picture_runs(
+        found = list_photo_runs(
             problem.surface,
             problem.sight,
             problem.cells,
-            problem.picture_cells,
+            problem.photo_cells,
             p,
             q,
             problem.spacing_m,
@@ -193,7 +193,7 @@ def weigh(problem: SearchProblem, state: RouteState) -> float:
 
 
 @kernel
-def seen_alone(problem: SearchProblem, state: RouteState, k: int) -> float:
+def observed_alone(problem: SearchProblem, state: RouteState, k: int) -> float:
     """Weight of the cells that would no longer count without segment k."""
     return -compare_segments(problem, state, k, k + 1, 0, 0)
 
@@ -204,7 +204,7 @@ def exchange_length(state: RouteState, first: int, last: int, fresh: int) -> flo
     n = state.size[0]
     change = 0.0
     for k in range(max(first, 1), min(last + 1, n)):
-        change -= distance(place(state.route, k - 1), place(state.route, k))
+        change -= distance(position(state.route, k - 1), position(state.route, k))
     for k in range(-1, fresh):
         if not (k < 0 and first == 0) and not (k == fresh - 1 and last == n):
             change += distance(_around(state, first, last, fresh, k), _around(state, first, last, fresh, k + 1))
@@ -215,8 +215,8 @@ def exchange_length(state: RouteState, first: int, last: int, fresh: int) -> flo
 def _around(state: RouteState, first: int, last: int, fresh: int, k: int) -> tuple[float, float, float]:
     """Waypoint k of the new stretch: -1 is the one before it, ``fresh`` the one behind."""
     if k < 0:
-        return place(state.route, first - 1)
-    return place(state.fresh, k) if k < fresh else place(state.route, last)
+        return position(state.route, first - 1)
+    return position(state.fresh, k) if k < fresh else position(state.route, last)
 
 
 @kernel
@@ -224,7 +224,7 @@ def exchange_allowed(problem: SearchProblem, state: RouteState, first: int, last
     """Whether the new waypoints and their legs keep the limits."""
     n = state.size[0]
     for k in range(fresh):
-        if not allowed_place(problem, place(state.fresh, k)):
+        if not allowed_position(problem, position(state.fresh, k)):
             return False
     if problem.apart_m > 0.0 and not keep_apart(problem, state, first, last, fresh):
         return False
@@ -240,12 +240,12 @@ def exchange_allowed(problem: SearchProblem, state: RouteState, first: int, last
 def keep_apart(problem: SearchProblem, state: RouteState, first: int, last: int, fresh: int) -> bool:
     """Whether the new waypoints are far enough from each other and from all that stay."""
     for k in range(fresh):
-        p = place(state.fresh, k)
+        p = position(state.fresh, k)
         for other in range(k):
-            if distance(p, place(state.fresh, other)) < problem.apart_m:
+            if distance(p, position(state.fresh, other)) < problem.apart_m:
                 return False
         for other in range(state.size[0]):
-            if not first <= other < last and distance(p, place(state.route, other)) < problem.apart_m:
+            if not first <= other < last and distance(p, position(state.route, other)) < problem.apart_m:
                 return False
     return True
 
@@ -272,11 +272,11 @@ def try_exchange(problem: SearchProblem, state: RouteState, first: int, last: in
     new = 0
     if problem.sensing == AT_WAYPOINTS:
         while new < fresh:
-            if not list_visible(problem, state, segments + new, place(state.fresh, new), place(state.fresh, new)):
+            if not list_visible(problem, state, segments + new, position(state.fresh, new), position(state.fresh, new)):
                 return 0.0, -1
             new += 1
     elif n - (last - first) + fresh == 1:
-        alone = place(state.fresh, 0) if fresh == 1 else place(state.route, last if first == 0 else 0)
+        alone = position(state.fresh, 0) if fresh == 1 else position(state.route, last if first == 0 else 0)
         if not list_visible(problem, state, segments, alone, alone):
             return 0.0, -1
         new = 1
@@ -316,7 +316,7 @@ def keep_exchange(
     for k in range(fresh):
         _copy_row(state.fresh, k, state.route, first + k)
     state.size[0] = n + moved
-    state.seen[0] += change
+    state.observed[0] += change
 
 
 @kernel
@@ -363,7 +363,7 @@ def reverse_rows(route: NDArray[np.float64], first: int, last: int) -> None:
 @kernel
 def transfer(state: RouteState, at: int, to: int) -> None:
     """Move waypoint ``at`` with its set to number ``to``; for sensing at waypoints in a free order."""
-    e, n, u = place(state.route, at)
+    e, n, u = position(state.route, at)
     step = 1 if to > at else -1
     k = at
     while k != to:

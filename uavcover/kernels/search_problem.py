@@ -11,10 +11,10 @@ from uavcover.kernels.cells import Cells
 from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.nadir_visibility import ConeCells
 from uavcover.kernels.obstacles import keeps_clear
-from uavcover.kernels.picture_visibility import PictureCells
+from uavcover.kernels.path_cost import SHORTEST, PathCost
+from uavcover.kernels.photo_visibility import PhotoCells
 from uavcover.kernels.sight import Sight
 from uavcover.kernels.surface import Surface, height_above, height_range_between
-from uavcover.kernels.way_cost import SHORTEST, WayCost
 
 AT_WAYPOINTS = 0
 ALONG_PATH = 1
@@ -125,13 +125,13 @@ class SearchProblem(NamedTuple):
         sight: the sensor.
         cells: of the area.
         cone_cells: the cells for the fast path of a nadir camera.
-        picture_cells: those for the fast path of a camera with a rectangular photo.
+        photo_cells: those for the fast path of a camera with a rectangular photo.
         square: (n,) place of each cell on the lattice, row * columns + column.
         weight: (rows * columns,) fraction of the cell in each square, of a sum of 1; 0 where none counts.
         spacing_m: largest distance between observations along the path.
         sensing: AT_WAYPOINTS or ALONG_PATH.
         limits: hard limits of places and legs.
-        way: cost of the path.
+        path_cost: cost of the path.
         needed: observations after which a cell counts as observed; more than 1 requires AT_WAYPOINTS.
         apart_m: smallest distance between any two waypoints, so that each is an observation of its own; 0: any.
         trigger_m: distance between two photos, where a camera takes them by distance instead; 0: it does not.
@@ -141,20 +141,20 @@ class SearchProblem(NamedTuple):
     sight: Sight
     cells: Cells
     cone_cells: ConeCells
-    picture_cells: PictureCells
+    photo_cells: PhotoCells
     square: NDArray[np.int32]
     weight: NDArray[np.float64]
     spacing_m: float
     sensing: int
     limits: RouteLimits
-    way: WayCost = SHORTEST
+    path_cost: PathCost = SHORTEST
     needed: int = 1
     apart_m: float = 0.0
     trigger_m: float = 0.0
 
 
 @kernel
-def place(array: NDArray[np.float64], row: int) -> tuple[float, float, float]:
+def position(array: NDArray[np.float64], row: int) -> tuple[float, float, float]:
     """Row of an (n, 3) array as three numbers."""
     return array[row, 0], array[row, 1], array[row, 2]
 
@@ -182,15 +182,15 @@ def is_inside(ground: FlyableGround, east: float, north: float) -> bool:
         a_left = de * (an - north) - dn * (ae - east) > 0.0
         b_left = de * (bn - north) - dn * (be - east) > 0.0
         if a_left != b_left:
-            place = (be - ae) * (north - an) - (bn - an) * (east - ae)
+            position = (be - ae) * (north - an) - (bn - an) * (east - ae)
             middle = (be - ae) * (mn - an) - (bn - an) * (me - ae)
-            if (place > 0.0) != (middle > 0.0):
+            if (position > 0.0) != (middle > 0.0):
                 inside = not inside
     return bool(inside)
 
 
 @kernel
-def allowed_place(problem: SearchProblem, p: tuple[float, float, float]) -> bool:
+def allowed_position(problem: SearchProblem, p: tuple[float, float, float]) -> bool:
     """Whether a waypoint may be at a position."""
     limits = problem.limits
     agl = height_above(problem.surface, p[0], p[1], p[2])
@@ -222,7 +222,7 @@ def allowed_legs(problem: SearchProblem, legs: NDArray[np.float64]) -> NDArray[n
     out = np.empty(legs.shape[0], dtype=np.bool_)
     for k in range(legs.shape[0]):
         p, q = (legs[k, 0], legs[k, 1], legs[k, 2]), (legs[k, 3], legs[k, 4], legs[k, 5])
-        out[k] = allowed_place(problem, p) and allowed_place(problem, q) and allowed_leg(problem, p, q)
+        out[k] = allowed_position(problem, p) and allowed_position(problem, q) and allowed_leg(problem, p, q)
     return out
 
 

@@ -189,7 +189,7 @@ class _State(NamedTuple):
         moved: (p,) step at which a set went in or out.
         changed: (p,) whether anything near a set has changed since it went out.
         items_open: (n,) the first ``open`` are the items that no chosen set has.
-        place: (n,) of each item in ``items_open``.
+        position: (n,) of each item in ``items_open``.
         open: (1,) how many.
     """
 
@@ -204,7 +204,7 @@ class _State(NamedTuple):
     moved: NDArray[np.int64]
     changed: NDArray[np.bool_]
     items_open: NDArray[np.int64]
-    place: NDArray[np.int64]
+    position: NDArray[np.int64]
     open: NDArray[np.int64]
 
 
@@ -337,8 +337,8 @@ def _take_out(state: _State, k: int, step: int) -> None:
 
 
 @kernel
-def _swap(state: _State, item: int, place: int) -> None:
+def _swap(state: _State, item: int, position: int) -> None:
     """Move an item to a position in the list of open items."""
-    there, before = state.items_open[place], state.place[item]
-    state.items_open[place], state.items_open[before] = item, there
-    state.place[item], state.place[there] = place, before
+    there, before = state.items_open[position], state.position[item]
+    state.items_open[position], state.items_open[before] = item, there
+    state.position[item], state.position[there] = position, before

@@ -90,7 +90,7 @@ NOT_IN_RANGE = 0
 TOO_OBLIQUE = 1
 TOO_COARSE = 2
 OCCLUDED = 3
-SEEN = 4
+OBSERVED = 4
 
 
 class Sight(NamedTuple):

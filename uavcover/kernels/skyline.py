@@ -23,7 +23,7 @@ HIDDEN = 2
 
 _WIDER = 1e-9
 """Of a bin, on each side, so that rounding puts no ray into a bin that does not know it."""
-_SURELY = 1e-3
+_CERTAINLY = 1e-3
 """Fraction of a bound by which a ray has to be flatter, or longer: more than the tolerances of obstacles.keeps_clear."""
 _NEAREST_M = 0.01
 """Edges nearer than this do not count as surely hiding a ray."""
@@ -122,7 +122,7 @@ def _bounds(
     for k in range(centre.shape[0]):
         e, n, u = centre[k, 0], centre[k, 1], centre[k, 2]
         for number in range(BINS):
-            out[k, number, 0], out[k, number, 1], out[k, number, 2] = flattest * (1.0 + _SURELY), -math.inf, 0.0
+            out[k, number, 0], out[k, number, 1], out[k, number, 2] = flattest * (1.0 + _CERTAINLY), -math.inf, 0.0
         for prism in range(obstacles.top_m.size):
             higher = obstacles.top_m[prism] - u
             away_e = max(0.0, boxes[prism, 0] - e, e - boxes[prism, 1])
@@ -165,12 +165,12 @@ def _add_edge(
         if begin > end:
             continue
         nearest, farthest = _distances(a, b, begin, end)
-        tangent = higher / nearest * (1.0 + _SURELY) if nearest > 0.0 else math.inf
+        tangent = higher / nearest * (1.0 + _CERTAINLY) if nearest > 0.0 else math.inf
         bounds[row, number, 0] = max(bounds[row, number, 0], tangent)
         spans = right_a < -wider and left_b < -wider and nearest >= _NEAREST_M
-        hides = higher / farthest * (1.0 - _SURELY)
+        hides = higher / farthest * (1.0 - _CERTAINLY)
         if spans and hides > bounds[row, number, 1]:
-            bounds[row, number, 1], bounds[row, number, 2] = hides, farthest * (1.0 + _SURELY)
+            bounds[row, number, 1], bounds[row, number, 2] = hides, farthest * (1.0 + _CERTAINLY)
 
 
 @kernel

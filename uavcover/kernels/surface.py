@@ -161,11 +161,11 @@ def ups_above(
 
 
 @allocating_kernel
-def heights_above(surface: Surface, places: NDArray[np.float64]) -> NDArray[np.float64]:
+def heights_above(surface: Surface, positions: NDArray[np.float64]) -> NDArray[np.float64]:
     """Heights above ground of (n, 3) positions, metres; NaN without data."""
-    out = np.empty(places.shape[0])
-    for i in range(places.shape[0]):
-        out[i] = height_above(surface, places[i, 0], places[i, 1], places[i, 2])
+    out = np.empty(positions.shape[0])
+    for i in range(positions.shape[0]):
+        out[i] = height_above(surface, positions[i, 0], positions[i, 1], positions[i, 2])
     return out
 
 

@@ -139,9 +139,9 @@ def _settle(
         waiting: (n,), none is left.
     """
     n = tour.size
-    place = np.empty(n, dtype=np.int64)
+    position = np.empty(n, dtype=np.int64)
     for i in range(n):
-        place[tour[i]] = i
+        position[tour[i]] = i
     # A ring: no point waits twice, so n + len(points) positions are enough.
     queue = np.empty(n + points.size, dtype=np.int64)
     head, size = 0, points.size
@@ -156,9 +156,9 @@ def _settle(
             continue
         waiting[point] = False
         while True:
-            gain = _turn_stretch(distance, near, tour, place, point, touched)
+            gain = _turn_stretch(distance, near, tour, position, point, touched)
             if gain == 0.0:
-                gain = _move_stretch(distance, near, tour, place, point, touched)
+                gain = _move_stretch(distance, near, tour, position, point, touched)
             if gain == 0.0:
                 break
             gained += gain
@@ -175,25 +175,25 @@ def _turn_stretch(
     distance: NDArray[np.float64],
     near: NDArray[np.int64],
     tour: NDArray[np.int64],
-    place: NDArray[np.int64],
+    position: NDArray[np.int64],
     a: int,
     touched: NDArray[np.int64],
 ) -> float:
     """2-opt: make the first move that helps and links ``a`` to a near point; its gain, 0 for none."""
     n = tour.size
     for step in (1, -1):
-        b = tour[(place[a] + step) % n]
+        b = tour[(position[a] + step) % n]
         for c in near[a]:
             gain = distance[a, b] - distance[a, c]
             if gain <= _LEAST_GAIN:
                 break
-            d = tour[(place[c] + step) % n]
+            d = tour[(position[c] + step) % n]
             gain += distance[c, d] - distance[b, d]
             if gain > _LEAST_GAIN and c != b and d != a:
                 if step == 1:
-                    _reverse(tour, place, place[b], place[c])
+                    _reverse(tour, position, position[b], position[c])
                 else:
-                    _reverse(tour, place, place[c], place[b])
+                    _reverse(tour, position, position[c], position[b])
                 touched[:4] = np.array([a, b, c, d])
                 touched[4:] = a
                 return float(gain)
@@ -201,7 +201,7 @@ def _turn_stretch(
 
 
 @kernel
-def _reverse(tour: NDArray[np.int64], place: NDArray[np.int64], first: int, last: int) -> None:
+def _reverse(tour: NDArray[np.int64], position: NDArray[np.int64], first: int, last: int) -> None:
     """Reverse the stretch first..last, or all the rest, which is equivalent for a closed tour."""
     n = tour.size
     inside = (last - first) % n + 1
@@ -210,7 +210,7 @@ def _reverse(tour: NDArray[np.int64], place: NDArray[np.int64], first: int, last
     for _ in range(inside // 2):
         x, y = tour[first], tour[last]
         tour[first], tour[last] = y, x
-        place[y], place[x] = first, last
+        position[y], position[x] = first, last
         first = first + 1 if first + 1 < n else 0
         last = last - 1 if last > 0 else n - 1
 
@@ -220,7 +220,7 @@ def _move_stretch(
     distance: NDArray[np.float64],
     near: NDArray[np.int64],
     tour: NDArray[np.int64],
-    place: NDArray[np.int64],
+    position: NDArray[np.int64],
     a: int,
     touched: NDArray[np.int64],
 ) -> float:
@@ -229,21 +229,21 @@ def _move_stretch(
     for step in (1, -1):
         for length in range(1, min(_LONGEST_STRETCH, n - 3) + 1):
             # a .. y along ``step``; outside are p beside a and q beside y.
-            y = tour[(place[a] + step * (length - 1)) % n]
-            p, q = tour[(place[a] - step) % n], tour[(place[a] + step * length) % n]
+            y = tour[(position[a] + step * (length - 1)) % n]
+            p, q = tour[(position[a] - step) % n], tour[(position[a] + step * length) % n]
             freed = distance[p, a] + distance[y, q] - distance[p, q]
             for c in near[a]:
                 if freed - distance[a, c] <= _LEAST_GAIN:
                     break
-                if (place[c] - place[a]) * step % n < length:
+                if (position[c] - position[a]) * step % n < length:
                     continue
                 for side in (1, -1):
-                    e = tour[(place[c] + side) % n]
-                    if (place[e] - place[a]) * step % n < length:
+                    e = tour[(position[c] + side) % n]
+                    if (position[e] - position[a]) * step % n < length:
                         continue
                     gain = freed - distance[a, c] + distance[c, e] - distance[y, e]
                     if gain > _LEAST_GAIN:
-                        _insert(tour, place, a, step, length, c, side)
+                        _insert(tour, position, a, step, length, c, side)
                         touched[:] = np.array([a, y, p, q, c, e, a, a])
                         return float(gain)
     return 0.0
@@ -251,17 +251,17 @@ def _move_stretch(
 
 @allocating_kernel
 def _insert(
-    tour: NDArray[np.int64], place: NDArray[np.int64], a: int, step: int, length: int, c: int, side: int
+    tour: NDArray[np.int64], position: NDArray[np.int64], a: int, step: int, length: int, c: int, side: int
 ) -> None:
     """Remove the stretch from ``a`` along ``step`` and insert it beside ``c`` on the given side, ``a`` next to ``c``."""
     n = tour.size
     stretch = np.empty(length, dtype=np.int64)
     for k in range(length):
-        stretch[k] = tour[(place[a] + step * k) % n]
+        stretch[k] = tour[(position[a] + step * k) % n]
     rest = np.empty(n, dtype=np.int64)
     k = 0
     for point in tour:
-        if (place[point] - place[a]) * step % n < length:
+        if (position[point] - position[a]) * step % n < length:
             continue
         if point == c and side == -1:
             rest[k : k + length] = stretch[::-1]
@@ -273,7 +273,7 @@ def _insert(
             k += length
     for i in range(n):
         tour[i] = rest[i]
-        place[rest[i]] = i
+        position[rest[i]] = i
 
 
 _NEAR = 10

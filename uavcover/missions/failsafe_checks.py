@@ -64,18 +64,18 @@ class ReturnLimits:
         """Heights of the ground above sea level (n,) at (n, 2) positions."""
         return np.asarray(self.ground.heights_m(east_north_m) + self._level_alts_m(east_north_m), float)
 
-    def enu_m(self, places_m: FloatArray) -> FloatArray:
+    def enu_m(self, positions_m: FloatArray) -> FloatArray:
         """(n, 3) ENU of positions with heights above sea level; NaN stays NaN."""
-        return np.column_stack([places_m[:, :2], places_m[:, 2] - self._level_alts_m(places_m)])
+        return np.column_stack([positions_m[:, :2], positions_m[:, 2] - self._level_alts_m(positions_m)])
 
-    def _level_alts_m(self, places_m: FloatArray) -> FloatArray:
+    def _level_alts_m(self, positions_m: FloatArray) -> FloatArray:
         """Heights above sea level (n,) of the level plane through the origin: the Earth falls away below it.
 
         A sphere of the mean radius: off by 1 cm at 5 km, by 15 cm at 20 km.
         """
         if self.frame is None:
-            return np.zeros(len(places_m))
-        fall = (places_m[:, 0] ** 2 + places_m[:, 1] ** 2) / (2.0 * _EARTH_RADIUS_M)
+            return np.zeros(len(positions_m))
+        fall = (positions_m[:, 0] ** 2 + positions_m[:, 1] ** 2) / (2.0 * _EARTH_RADIUS_M)
         return np.asarray(self.frame.alt_amsl_m + fall, float)
 
 
@@ -152,18 +152,18 @@ class _Judged:
     def intervals(self) -> Iterator[UnsafeReturn]:
         """One for each danger and each run of moments, the worst of each."""
         states, paths = self._states, self._paths
-        for danger, bad, badness, values, places, name in self._found:
+        for danger, bad, badness, values, positions, name in self._found:
             numbers = np.flatnonzero(bad)
             # fewer moments do not separate two intervals, because at a waypoint the vehicle stops elsewhere
             for run in np.split(numbers, np.flatnonzero(np.diff(numbers) > 3) + 1):
                 if not len(run):
                     continue
                 k = int(run[np.argmax(badness[run])])
-                east, north, up = places[k]
+                east, north, up = positions[k]
                 yield UnsafeReturn(
                     responses=paths.responses, danger=danger, begin_s=float(states.times_s[run[0]]),
                     end_s=float(states.times_s[run[-1]]), first_leg=int(states.legs[run[0]]), last_leg=int(states.legs[run[-1]]),
-                    value=float(values[k]), limit=self._limit_of(danger), place_m=(float(east), float(north), float(up)),
+                    value=float(values[k]), limit=self._limit_of(danger), position_m=(float(east), float(north), float(up)),
                     worst_s=float(states.times_s[k]), destination=int(paths.destinations[k]), name=name, note=paths.note,
                 )  # fmt: skip
 
@@ -202,7 +202,7 @@ class _Judged:
         points = self._line.reshape(self._n, self._k + 1, 3)[:, : self._k, :2]
         return np.asarray(np.hypot(*np.moveaxis(np.diff(points, axis=1), 2, 0)))
 
-    def _worst_place(self, leg: IntArray) -> FloatArray:
+    def _worst_position(self, leg: IntArray) -> FloatArray:
         """(n, 3) the lowest place of one leg of each path."""
         row = np.arange(self._n) * (self._k + 1) + leg
         t = self._ranges[row, 1][:, None]
@@ -229,13 +229,13 @@ class _Judged:
                 near = level[:, legs].sum(axis=1) <= _NEAR_DESTINATION_M
                 wanted[near] = CONTACT_M
             tolerance = _HEIGHT_TOLERANCE_M + self._limits.ground.cut_error_m
-            places = self._worst_place(np.array(legs)[worst])
-            self._found.append((danger, least < wanted - tolerance, wanted - least, least, places, ""))
+            positions = self._worst_position(np.array(legs)[worst])
+            self._found.append((danger, least < wanted - tolerance, wanted - least, least, positions, ""))
             # Where the vehicle itself is over unknown ground, its route is reported.
             nowhere = np.asarray(unknown.any(axis=1) & np.isfinite(low[:, 0]))
             first = np.array(legs)[unknown.argmax(axis=1)]
             self._found.append(
-                ("unknown ground", nowhere, np.ones(self._n), np.zeros(self._n), self._worst_place(first), "")
+                ("unknown ground", nowhere, np.ones(self._n), np.zeros(self._n), self._worst_position(first), "")
             )
 
     def _pairs(self, legs: Sequence[int]) -> tuple[FloatArray, IntArray]:
@@ -254,17 +254,19 @@ class _Judged:
             return
         pairs, owner = self._pairs(self._judged_legs())
         rows = leg_breaches(self._limits.ground, pairs.reshape(-1, 3), self._limits.obstacles)[0::2]
-        places = pairs[:, 0] + rows[:, 2:3] * (pairs[:, 1] - pairs[:, 0])
+        positions = pairs[:, 0] + rows[:, 2:3] * (pairs[:, 1] - pairs[:, 0])
         for number in np.unique(rows[rows[:, 1] > _HEIGHT_TOLERANCE_M, 0]):
             depth = np.where(rows[:, 0] == number, rows[:, 1], 0.0)
-            self._add_deepest("obstacle", depth, places, owner, self._limits.prisms[int(number)].footprint.name)
+            self._add_deepest("obstacle", depth, positions, owner, self._limits.prisms[int(number)].footprint.name)
 
-    def _add_deepest(self, danger: Danger, depth: FloatArray, places: FloatArray, owner: IntArray, name: str) -> None:
+    def _add_deepest(
+        self, danger: Danger, depth: FloatArray, positions: FloatArray, owner: IntArray, name: str
+    ) -> None:
         """A danger by its depths (m,) at places (m, 3) of legs that belong to paths (m,)."""
         order = np.lexsort((-depth, owner))
         first = order[np.concatenate([[True], np.diff(owner[order]) > 0])]
         deepest, where = np.zeros(self._n), np.zeros((self._n, 3))
-        deepest[owner[first]], where[owner[first]] = depth[first], places[first]
+        deepest[owner[first]], where[owner[first]] = depth[first], positions[first]
         self._found.append((danger, deepest > _HEIGHT_TOLERANCE_M, deepest, deepest, where, name))
 
     def _fence(self) -> None:
@@ -296,18 +298,20 @@ class _Judged:
         if not zones.zones:
             return
         pairs, owner = self._pairs(self._judged_legs())
-        inside = {(breach.leg, breach.zone) for breach in zones.place_breaches(pairs[:: len(self._judged_legs()), 0])}
+        inside = {
+            (breach.leg, breach.zone) for breach in zones.position_breaches(pairs[:: len(self._judged_legs()), 0])
+        }
         line = np.concatenate([pairs, np.full((len(pairs), 1, 3), np.nan)], axis=1).reshape(-1, 3)
         depths: dict[int, tuple[FloatArray, FloatArray]] = {}
         for breach in zones.leg_breaches(line):
             leg = breach.leg // 3
             if (int(owner[leg]), breach.zone) in inside:
                 continue  # the mission itself is in the zone there
-            depth, places = depths.setdefault(breach.zone, (np.zeros(len(pairs)), np.zeros((len(pairs), 3))))
+            depth, positions = depths.setdefault(breach.zone, (np.zeros(len(pairs)), np.zeros((len(pairs), 3))))
             depth[leg] = breach.depth_m
-            places[leg] = pairs[leg, 0] + breach.at * (pairs[leg, 1] - pairs[leg, 0])
-        for number, (depth, places) in sorted(depths.items()):
-            self._add_deepest("zone", depth, places, owner, zones.zones[number].name)
+            positions[leg] = pairs[leg, 0] + breach.at * (pairs[leg, 1] - pairs[leg, 0])
+        for number, (depth, positions) in sorted(depths.items()):
+            self._add_deepest("zone", depth, positions, owner, zones.zones[number].name)
 
     def _battery(self) -> None:
         end_s = self._limits.endurance_s

@@ -40,12 +40,12 @@ def predict(
         to: their destinations.
         ground: heights of the ground, for landings and for returns over terrain.
     """
-    ways: dict[tuple[str, bool], list[Response]] = {}
+    by_action: dict[tuple[str, bool], list[Response]] = {}
     for response in settings.responses:
         holds = settings.autopilot == "px4" and bool(response.parameter) and settings["hold_first_s"] > 0.0
-        ways.setdefault((response.action, holds), []).append(response)
+        by_action.setdefault((response.action, holds), []).append(response)
     found: list[FailsafePaths] = []
-    for (action, holds), responses in ways.items():
+    for (action, holds), responses in by_action.items():
         model = _Model(settings, states, to, ground, holds=holds)
         for paths in model.paths(action):
             found.append(replace(paths, responses=tuple(responses)))
@@ -72,14 +72,14 @@ def wings_return(
     """The commanded return of a fixed-wing aircraft: it climbs or descends on the way, and circles above the destination."""
     model = _Model(settings, states, to, ground, holds=False)
     number, target, wanted = model.wings_destination()
-    at = states.places_m
+    at = states.positions_m
     slopes = np.where(wanted > at[:, 2], climb_slope, descent_slope)
-    way = np.hypot(*(target[:, :2] - at[:, :2]).T)
-    share = np.minimum(1.0, np.abs(wanted - at[:, 2]) / np.maximum(slopes * way, 1e-9))
-    reached = at[:, 2] + np.copysign(1.0, wanted - at[:, 2]) * np.minimum(np.abs(wanted - at[:, 2]), slopes * way)
-    knee = np.column_stack([at[:, :2] + share[:, None] * (target[:, :2] - at[:, :2]), reached])
+    distance = np.hypot(*(target[:, :2] - at[:, :2]).T)
+    fraction = np.minimum(1.0, np.abs(wanted - at[:, 2]) / np.maximum(slopes * distance, 1e-9))
+    reached = at[:, 2] + np.copysign(1.0, wanted - at[:, 2]) * np.minimum(np.abs(wanted - at[:, 2]), slopes * distance)
+    knee = np.column_stack([at[:, :2] + fraction[:, None] * (target[:, :2] - at[:, :2]), reached])
     points = np.stack([at, knee, _lifted(target, reached)], axis=1)
-    seconds = way / max(settings["cruise_m_s"], 0.1)
+    seconds = distance / max(settings["cruise_m_s"], 0.1)
     return FailsafePaths((Response("return", "commanded"),), points, ("return", "return"), number, seconds)
 
 
@@ -91,7 +91,7 @@ class _Model:
     ) -> None:
         self._get, self._states, self._to, self._ground = settings, states, to, ground
         self._is_px4, self._holds = settings.autopilot == "px4", holds
-        self._at = states.places_m
+        self._at = states.positions_m
         self._n = len(self._at)
         self._stop = self._stopping_points()
 
@@ -105,20 +105,20 @@ class _Model:
             case "hold" | "hold-land":
                 return [self._column("stop")]
             case "retrace":
-                return self._smart_ways(self._direct_ways())
+                return self._smart_paths(self._direct_paths())
             case "retrace-land":
-                return self._smart_ways([self._column("land")])
+                return self._smart_paths([self._column("land")])
             case "mission-landing" if self._to.landing is not None:
                 return [self._join_landing(climbs=False)]
-        return self._px4_ways() if self._is_px4 else self._direct_ways()
+        return self._px4_paths() if self._is_px4 else self._direct_paths()
 
-    def _smart_ways(self, otherwise: list[FailsafePaths]) -> list[FailsafePaths]:
+    def _smart_paths(self, otherwise: list[FailsafePaths]) -> list[FailsafePaths]:
         """SmartRTL, and ArduCopter's reaction to a full buffer or a bad position; only the latter without a buffer."""
         if min(self._get["smart_points"], self._get["smart_accuracy_m"]) <= 0.0:
             return otherwise
         return [self._retrace(), *(replace(one, note=one.note or "if there is no SmartRTL path") for one in otherwise)]
 
-    def _px4_ways(self) -> list[FailsafePaths]:
+    def _px4_paths(self) -> list[FailsafePaths]:
         """Paths of a return, by its type.
 
         Two where the item count before the landing, or a landing pattern's position, decides.
@@ -134,9 +134,9 @@ class _Model:
                     self._join_landing(climbs=True),
                     replace(self.direct(), note="if home or a safe point is nearer"),
                 ]
-        return self._direct_ways()
+        return self._direct_paths()
 
-    def _direct_ways(self) -> list[FailsafePaths]:
+    def _direct_paths(self) -> list[FailsafePaths]:
         if not self._is_px4 and round(self._get["height_type"]) == 1:
             over = replace(self.direct(over_terrain=True), note="over terrain (RTL_ALT_TYPE 1)")
             return [over, replace(self.direct(), note="without terrain data on the vehicle")]
@@ -206,14 +206,14 @@ class _Model:
         velocity = self._states.velocities_m_s
         speed, a = np.hypot(*velocity.T), self._get["acceleration_m_s2"]
         if self._is_px4:
-            way = speed * (speed / (2.0 * a) + a / self._get["jerk_m_s3"])
+            distance = speed * (speed / (2.0 * a) + a / self._get["jerk_m_s3"])
         else:
             kp = 1.0  # PSC_POSXY_P
-            way = np.where(speed < a / kp, speed / kp, 0.5 * a / kp**2 + speed**2 / (2.0 * a))
+            distance = np.where(speed < a / kp, speed / kp, 0.5 * a / kp**2 + speed**2 / (2.0 * a))
         if self._states.ahead_m is not None:
-            way = np.minimum(way, self._states.ahead_m)
+            distance = np.minimum(distance, self._states.ahead_m)
         unit = velocity / np.maximum(speed, 1e-9)[:, None]
-        return np.column_stack([self._at[:, :2] + way[:, None] * unit, self._at[:, 2]])
+        return np.column_stack([self._at[:, :2] + distance[:, None] * unit, self._at[:, 2]])
 
     def _column(self, stage: Stage, note: str = "") -> FailsafePaths:
         """It stops, and lands or stays there."""
@@ -353,9 +353,9 @@ class _Model:
         return np.concatenate([level, (ground + height[:, None])[..., None]], axis=2)
 
 
-def _lifted(places: FloatArray, alts_m: FloatArray) -> FloatArray:
+def _lifted(positions: FloatArray, alts_m: FloatArray) -> FloatArray:
     """(n, 3) the same positions at other heights."""
-    return np.column_stack([places[:, :2], np.broadcast_to(alts_m, len(places))])
+    return np.column_stack([positions[:, :2], np.broadcast_to(alts_m, len(positions))])
 
 
 def _pairs(points: FloatArray) -> list[tuple[FloatArray, FloatArray]]:

@@ -147,7 +147,7 @@ _NEARER_BY_M, _TOO_NEAR_HOME_M = 2.0, 10.0  # PX4: MIN_DIST_THRESHOLD, and a saf
 class FlightStates:
     """n moments of a flight."""
 
-    places_m: FloatArray  # (n, 3) east, north, height above sea level
+    positions_m: FloatArray  # (n, 3) east, north, height above sea level
     velocities_m_s: FloatArray  # (n, 2) east, north
     times_s: FloatArray  # (n,) since take-off
     legs: IntArray  # (n,) vertex of the route that the vehicle flies to
@@ -220,18 +220,18 @@ def states_along(line_m: FloatArray, times_s: FloatArray, *, step_m: float, step
 def ardupilot_destination(get: FailsafeSettings, to: Destinations, begin_m: FloatArray) -> tuple[IntArray, FloatArray]:
     """Number (n,) and position (n, 3) of the nearest rally point, or home, as ArduCopter selects it from (n, 3) positions."""
     home, number = to.home_m, np.full(len(begin_m), HOME)
-    place = np.tile(home, (len(begin_m), 1))
+    position = np.tile(home, (len(begin_m), 1))
     valid = np.flatnonzero(_is_rally_valid(get, to))
     if not len(valid):
-        return number, place
+        return number, position
     away = np.stack([_away_m(begin_m, rally) for rally in to.rally_m[valid]], axis=1)
     nearest, distance = away.argmin(axis=1), away.min(axis=1)
     limit = get["rally_limit_m"]
     taken = (distance <= limit) if limit > 0.0 else np.ones(len(begin_m), dtype=bool)
     if round(get["rally_with_home"]):
         taken &= distance < _away_m(begin_m, home)
-    number[taken], place[taken] = valid[nearest[taken]], to.rally_m[valid[nearest[taken]]]
-    return number, place
+    number[taken], position[taken] = valid[nearest[taken]], to.rally_m[valid[nearest[taken]]]
+    return number, position
 
 
 def _is_rally_valid(get: FailsafeSettings, to: Destinations) -> BoolArray:
@@ -263,27 +263,27 @@ def px4_destination(
         Number (n,), place (n, 3), and whether it is the mission's landing (n,); its number is that of home.
     """
     home, count = to.home_m, len(begin_m)
-    number, place, at_landing = np.full(count, HOME), np.tile(home, (count, 1)), np.zeros(count, dtype=bool)
+    number, position, at_landing = np.full(count, HOME), np.tile(home, (count, 1)), np.zeros(count, dtype=bool)
     kind = round(get["return_type"])
     least = np.full(count, np.inf) if kind == 1 else _away_m(begin_m, home)
     if kind in (1, 3) and to.landing == len(to.route_m) - 1:
         landing = to.items_m[-1]
         away = _away_m(begin_m, landing)
         at_landing = away + _NEARER_BY_M < least
-        least, place[at_landing] = np.where(at_landing, away, least), landing
+        least, position[at_landing] = np.where(at_landing, away, least), landing
     for k, rally in enumerate(to.rally_m):
         if not np.isfinite(rally).all() or math.dist(rally[:2], home[:2]) <= _TOO_NEAR_HOME_M:
             continue
         away = _away_m(begin_m, rally)
         nearer = away + _NEARER_BY_M < least
         least, number = np.where(nearer, away, least), np.where(nearer, k, number)
-        place[nearer], at_landing = rally, at_landing & ~nearer
-    return number, place, at_landing
+        position[nearer], at_landing = rally, at_landing & ~nearer
+    return number, position, at_landing
 
 
-def _away_m(places_m: FloatArray, other_m: FloatArray) -> FloatArray:
+def _away_m(positions_m: FloatArray, other_m: FloatArray) -> FloatArray:
     """(n,) horizontal."""
-    return np.asarray(np.hypot(places_m[:, 0] - other_m[0], places_m[:, 1] - other_m[1]), float)
+    return np.asarray(np.hypot(positions_m[:, 0] - other_m[0], positions_m[:, 1] - other_m[1]), float)
 
 
 # Intervals of legs from which a return is unsafe, with the reason, as data.
@@ -305,7 +305,7 @@ class UnsafeReturn:
     # of flight
     value: float
     limit: float  # the allowed value
-    place_m: tuple[float, float, float]  # (east, north, up) where it is worst
+    position_m: tuple[float, float, float]  # (east, north, up) where it is worst
     worst_s: float  # the moment whose path is worst
     destination: int  # number of the rally point there, ``HOME`` or ``IN_PLACE``
     name: str = ""  # of the obstacle or zone

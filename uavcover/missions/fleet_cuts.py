@@ -1,6 +1,6 @@
 """Split a route into flights and allocate them to several vehicles, for the earliest last landing.
 
-A cut with a limit on the time of a flight is the split of least total time under that limit (``kernels/way_cost.py``). Many
+A cut with a limit on the time of a flight is the split of least total time under that limit (``kernels/path_cost.py``). Many
 limits are tried. The flights of each cut are allocated by branch and bound, starting from the longest flight first (LPT, Graham
 1969, doi 10.1137/0117039). The best few cuts, and even ones, are improved by moving, removing and adding single cuts. Among cuts
 with equal makespan, the one with the least total time wins. ``tests/naive/fleet.py`` tries everything, on small cases: all of 622
@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from uavcover.kernels.way_cost import NO_ENERGIES, FlightCosts, flight_s, split
+from uavcover.kernels.path_cost import NO_ENERGIES, FlightCosts, flight_s, split
 from uavcover.missions.objectives import flights_of_split
 
 _LIMITS = 48
@@ -54,7 +54,7 @@ class Shared:
     total_s: float  # time of all flights
 
 
-def share_out(
+def allocate(
     durations_s: Sequence[float], vehicles: int, turnaround_s: float, *, spacing_s: float = 0.0, nodes: int = _NODES
 ) -> Shared:
     """Allocate flights to equal vehicles, for the earliest last landing that can be found.
@@ -74,8 +74,8 @@ def share_out(
     if search.nodes > 0:
         search.visit(0)
     vehicle_of = [0] * len(order)
-    for place, k in enumerate(order):
-        vehicle_of[k] = search.best_of[place]
+    for position, k in enumerate(order):
+        vehicle_of[k] = search.best_of[position]
     return Shared(search.best_s - turnaround_s, tuple(vehicle_of), math.fsum(durations_s))
 
 
@@ -185,14 +185,14 @@ class CutSearch:
     def shared(self, cuts: Cuts) -> Shared:
         """The allocated flights of a cut, computed once; infinite if a flight is not permitted."""
         if cuts not in self._shared:
-            self._shared[cuts] = self._share_out(cuts)
+            self._shared[cuts] = self._allocate(cuts)
         return self._shared[cuts]
 
-    def _share_out(self, cuts: Cuts) -> Shared:
+    def _allocate(self, cuts: Cuts) -> Shared:
         times_s = [self.time_s(*flight) for flight in cuts]
         if not all(map(math.isfinite, times_s)):
             return Shared(math.inf, (), math.inf)
-        return share_out(times_s, self._vehicles, self._turnaround_s, spacing_s=self._spacing_s)
+        return allocate(times_s, self._vehicles, self._turnaround_s, spacing_s=self._spacing_s)
 
     def value(self, cuts: Cuts) -> tuple[float, float]:
         """Last landing, and the total time of the flights."""
@@ -292,7 +292,7 @@ def _rounded(seconds: float) -> float:
     return round(seconds, 6)
 
 
-def share_out_unlike(times_s: Sequence[Sequence[float]], *, turnaround_s: float, ready_s: Sequence[float]) -> Shared:
+def allocate_unlike(times_s: Sequence[Sequence[float]], *, turnaround_s: float, ready_s: Sequence[float]) -> Shared:
     """Allocate flights to different vehicles.
 
     Args:
@@ -392,9 +392,9 @@ class _UnlikeCutSearch(CutSearch):
         self._all, self._ready_s = costs, ready_s
         self._rows: dict[tuple[int, int], list[float]] = {}
 
-    def _share_out(self, cuts: Cuts) -> Shared:
+    def _allocate(self, cuts: Cuts) -> Shared:
         times_s = [self._row(*flight) for flight in cuts]
-        return share_out_unlike(times_s, turnaround_s=self._turnaround_s, ready_s=self._ready_s)
+        return allocate_unlike(times_s, turnaround_s=self._turnaround_s, ready_s=self._ready_s)
 
     def bound_s(self, cuts: Cuts) -> float:
         """Lower bound on the makespan of any allocation."""
@@ -413,7 +413,7 @@ class _UnlikeCutSearch(CutSearch):
 class _OneAtATime(_UnlikeCutSearch):
     """Cuts with consecutive flights: each is allocated to the vehicle that flies it fastest."""
 
-    def _share_out(self, cuts: Cuts) -> Shared:
+    def _allocate(self, cuts: Cuts) -> Shared:
         rows = [self._row(*flight) for flight in cuts]
         times_s = [min(_IMPOSSIBLE_S, *row) for row in rows]
         vehicle_of = tuple(int(np.argmin(row)) for row in rows)

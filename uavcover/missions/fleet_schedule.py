@@ -30,29 +30,29 @@ class Timeline:
     """A flight as points with their times; between them it moves at constant speed."""
 
     time_s: FloatArray  # (n,) since take-off, not decreasing
-    place_m: FloatArray  # (n, 3) ENU metres, the ground at home first and last
+    position_m: FloatArray  # (n, 3) ENU metres, the ground at home first and last
 
     @property
     def duration_s(self) -> float:
         """Time from take-off to landing."""
         return float(self.time_s[-1])
 
-    def places_m(self, times_s: FloatArray) -> FloatArray:
+    def positions_m(self, times_s: FloatArray) -> FloatArray:
         """(k, 3) ENU positions at (k,) times since take-off; its ends before and after the flight."""
-        return np.column_stack([np.interp(times_s, self.time_s, axis) for axis in self.place_m.T])
+        return np.column_stack([np.interp(times_s, self.time_s, axis) for axis in self.position_m.T])
 
-    def nearest_time_s(self, place_m: FloatArray, *, from_s: float, to_s: float) -> float:
+    def nearest_time_s(self, position_m: FloatArray, *, from_s: float, to_s: float) -> float:
         """The planned time at which the flight is nearest to a (3,) place, between two times since take-off."""
         inside = self.time_s[(self.time_s > from_s) & (self.time_s < to_s)]
         times = np.clip(np.concatenate([[from_s], inside, [to_s]]), 0.0, self.duration_s)
-        points = self.places_m(times)
+        points = self.positions_m(times)
         along = np.diff(points, axis=0)
         squared = np.einsum("ij,ij->i", along, along)
-        reach = np.einsum("ij,ij->i", place_m - points[:-1], along)
-        share = np.clip(reach / np.where(squared > 0.0, squared, np.inf), 0.0, 1.0)
-        off = np.linalg.norm(points[:-1] + share[:, None] * along - place_m, axis=1)
+        reach = np.einsum("ij,ij->i", position_m - points[:-1], along)
+        fraction = np.clip(reach / np.where(squared > 0.0, squared, np.inf), 0.0, 1.0)
+        off = np.linalg.norm(points[:-1] + fraction[:, None] * along - position_m, axis=1)
         k = int(np.argmin(off))
-        return float(times[k] + share[k] * (times[k + 1] - times[k]))
+        return float(times[k] + fraction[k] * (times[k + 1] - times[k]))
 
 
 def timeline_of(site: Site, sortie: Sortie, *, autopilot: AutopilotName) -> Timeline:
@@ -77,7 +77,7 @@ def timeline_of(site: Site, sortie: Sortie, *, autopilot: AutopilotName) -> Time
     along_s = np.maximum.accumulate(begin_s + np.concatenate([[0.0], np.cumsum(legs_s)]))
     return Timeline(
         time_s=np.concatenate([climb_s[:-1], along_s, along_s[-1] + sink_s[1:]]),
-        place_m=np.vstack([climb_m[:-1], path, sink_m[1:]]),
+        position_m=np.vstack([climb_m[:-1], path, sink_m[1:]]),
     )
 
 
@@ -125,23 +125,23 @@ class PathPieces:
 
 def pieces_of(timeline: Timeline, fleet: Fleet) -> PathPieces:
     """A flight in pieces of at most ten metres, with its time on the ground at home before and after."""
-    times, places = timeline.time_s, timeline.place_m
-    lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    times, positions = timeline.time_s, timeline.position_m
+    lengths = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     parts = np.maximum(1, np.ceil(lengths / _LONGEST_PIECE_M)).astype(int)
     leg = np.repeat(np.arange(len(parts)), parts)
     number = np.arange(len(leg)) - np.repeat(np.cumsum(parts) - parts, parts)
     begin, end = number / parts[leg], (number + 1) / parts[leg]
 
-    def at(values: FloatArray, share: FloatArray) -> FloatArray:
-        share = share.reshape(-1, *[1] * (values.ndim - 1))
-        return np.asarray((1.0 - share) * values[leg] + share * values[leg + 1])
+    def at(values: FloatArray, fraction: FloatArray) -> FloatArray:
+        fraction = fraction.reshape(-1, *[1] * (values.ndim - 1))
+        return np.asarray((1.0 - fraction) * values[leg] + fraction * values[leg + 1])
 
     begin_s, end_s = at(times, begin), at(times, end)
     begin_s = np.concatenate([[-fleet.pad_s], begin_s, [times[-1]]])
     end_s = np.concatenate([[0.0], end_s, [times[-1] + fleet.pad_s]])
     return PathPieces(
-        begin_m=np.vstack([places[:1], at(places, begin), places[-1:]]),
-        end_m=np.vstack([places[:1], at(places, end), places[-1:]]),
+        begin_m=np.vstack([positions[:1], at(positions, begin), positions[-1:]]),
+        end_m=np.vstack([positions[:1], at(positions, end), positions[-1:]]),
         earliest_s=begin_s - late_s(begin_s, fleet),
         latest_s=end_s + late_s(end_s, fleet),
     )
@@ -245,8 +245,8 @@ def segment_distances_m(p0: FloatArray, p1: FloatArray, q0: FloatArray, q1: Floa
 def _from_points_m(points: FloatArray, begin: FloatArray, along: FloatArray, squared: FloatArray) -> FloatArray:
     """(n,) distances of points from pieces that begin there and go along so."""
     to = points - begin
-    share = np.einsum("ij,ij->i", to, along) / np.where(squared > 0.0, squared, math.inf)
-    return np.asarray(np.linalg.norm(to - np.clip(share, 0.0, 1.0)[:, None] * along, axis=1))
+    fraction = np.einsum("ij,ij->i", to, along) / np.where(squared > 0.0, squared, math.inf)
+    return np.asarray(np.linalg.norm(to - np.clip(fraction, 0.0, 1.0)[:, None] * along, axis=1))
 
 
 _TRIES = 1500

@@ -13,19 +13,19 @@ from mission_io.formats.files import FORMATS, mission_text
 from mission_io.formats.plan import PlanFile
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.kernels.flight_time import landing_time
-from uavcover.kernels.way_cost import FlightCosts, battery_s, split
+from uavcover.kernels.path_cost import FlightCosts, battery_s, split
 from uavcover.missions.fleet_cuts import FlightsOfVehicles, fleet_cuts, unlike_cuts
 from uavcover.missions.fleet_schedule import makespan_s, scheduled, scheduled_unlike
 from uavcover.missions.mission_compiler import AUTOPILOTS, CompiledMission, MissionTooLongError, Sortie, compile_mission
 from uavcover.missions.objectives import checked, flight_costs_along_transits, flights_of_split, tighter, without
-from uavcover.missions.way_cost import battery_in_words, longest_flight_in_words
+from uavcover.missions.path_cost import battery_text, longest_flight_text
 from uavcover.model.route import MissionSize, Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.plugins import load
 from uavcover.scenario.site import Site, once
 from uavcover.scenario.vehicles import groups_of, pace_of, vehicle_sites
 
-_SPACING_SHARES = (1.0, 0.5)
+_SPACING_FRACTIONS = (1.0, 0.5)
 """Spacings of the starts for which a fleet's route is split; the split with the shortest makespan wins
 (scripts/bench/fleet.py)."""
 
@@ -56,8 +56,10 @@ def compile_flights(
                 f"{len(groups)} parts of the area; plan the route again"
             )
         # The spacing is between starts at one home.
-        shares = _SPACING_SHARES if any(sharing_home(sites, site.scenario.fleet.planned_separation_m)) else (1.0,)
-        unlike = [scheduled_unlike(site, _of_groups(site, groups, route, spacing_share=share)) for share in shares]
+        fractions = _SPACING_FRACTIONS if any(sharing_home(sites, site.scenario.fleet.planned_separation_m)) else (1.0,)
+        unlike = [
+            scheduled_unlike(site, _of_groups(site, groups, route, spacing_fraction=fraction)) for fraction in fractions
+        ]
         return min(unlike, key=lambda flights: makespan_s(site, flights))
     if count == 1:
         return compile_sorties(site, route, autopilot=name)
@@ -78,16 +80,16 @@ def _cut_for(vehicles: int, site: Site, route: Route, *, autopilot: AutopilotNam
     tried = [
         scheduled(
             site,
-            compile_sorties(site, route, autopilot=autopilot, vehicles=vehicles, spacing_share=share),
+            compile_sorties(site, route, autopilot=autopilot, vehicles=vehicles, spacing_fraction=fraction),
             autopilot=autopilot,
         )
-        for share in (_SPACING_SHARES if vehicles > 1 else _SPACING_SHARES[:1])
+        for fraction in (_SPACING_FRACTIONS if vehicles > 1 else _SPACING_FRACTIONS[:1])
     ]
     return min(tried, key=lambda flights: makespan_s(site, flights))
 
 
 def _of_groups(
-    site: Site, groups: Sequence[Sequence[int]], route: Route, *, spacing_share: float
+    site: Site, groups: Sequence[Sequence[int]], route: Route, *, spacing_fraction: float
 ) -> tuple[Sortie, ...]:
     """The sorties of all parts of a route, each split for the vehicles that observe that part.
 
@@ -100,7 +102,7 @@ def _of_groups(
         if len(own) == 1:
             flights = compile_sorties(own[0], part, autopilot=own[0].scenario.vehicle.autopilot)
         else:
-            flights = compile_unlike_sorties(own, part, spacing_share=spacing_share, one_at_a_time=one_at_a_time)
+            flights = compile_unlike_sorties(own, part, spacing_fraction=spacing_fraction, one_at_a_time=one_at_a_time)
         found += [
             dataclasses.replace(
                 flight, first=begins + flight.first, last=begins + flight.last, vehicle=group[flight.vehicle - 1]
@@ -213,7 +215,7 @@ def compile_sorties(
     vehicles: int = 1,  # how many fly at the same time
     # fraction of the time between two landings at one home that is left between the starts of two vehicles; with less than 1 the
     # flights are more even, and other pairs than neighbours must not land together
-    spacing_share: float = 1.0,
+    spacing_fraction: float = 1.0,
 ) -> tuple[Sortie, ...]:
     """Compile a route as one flight, or as several with their own transits where endurance or item count require it.
 
@@ -235,21 +237,21 @@ def compile_sorties(
             refusal = error
 
     def cut(costs: Sequence[FlightCosts]) -> FlightsOfVehicles | None:
-        found = _cuts(costs[0], site, vehicles, spacing_share)
+        found = _cuts(costs[0], site, vehicles, spacing_fraction)
         return None if found is None else [(first, last, 0) for first, last in found]
 
     return _cut_and_compiled([flyer], route, cut, refusal)
 
 
 def compile_unlike_sorties(
-    sites: Sequence[Site], route: Route, *, spacing_share: float = 1.0, one_at_a_time: bool = False
+    sites: Sequence[Site], route: Route, *, spacing_fraction: float = 1.0, one_at_a_time: bool = False
 ) -> tuple[Sortie, ...]:
     """Compile a route as flights of different vehicles, each from its own home, so that they are done soonest.
 
     Args:
         sites: of each vehicle, vehicle 1 first.
         route: the planned route.
-        spacing_share: as for :func:`compile_sorties`, for vehicles whose homes are at most the planned path spacing apart.
+        spacing_fraction: as for :func:`compile_sorties`, for vehicles whose homes are at most the planned path spacing apart.
         one_at_a_time: whether no vehicle flies before the one before it has landed.
 
     Raises:
@@ -258,7 +260,7 @@ def compile_unlike_sorties(
     fleet = sites[0].scenario.fleet
 
     def cut(costs: Sequence[FlightCosts]) -> FlightsOfVehicles | None:
-        spacing_s = spacing_share * max(
+        spacing_s = spacing_fraction * max(
             _spacing_s(each, site, len(sites)) for each, site in zip(costs, sites, strict=True)
         )
         ready_s = [spacing_s * before for before in sharing_home(sites, fleet.planned_separation_m)]
@@ -363,12 +365,12 @@ def _cut_and_compiled(
     raise InfeasibleError(f"cannot split the route into sorties: {refusal}") from refusal
 
 
-def _cuts(costs: FlightCosts, site: Site, vehicles: int, spacing_share: float) -> Sequence[tuple[int, int]] | None:
+def _cuts(costs: FlightCosts, site: Site, vehicles: int, spacing_fraction: float) -> Sequence[tuple[int, int]] | None:
     """First and last waypoint of each flight of the split with the shortest makespan; None without a split."""
     if vehicles > 1:
         return fleet_cuts(
             costs, vehicles=vehicles, turnaround_s=site.scenario.fleet.turnaround_s,
-            spacing_s=spacing_share * _spacing_s(costs, site, vehicles),
+            spacing_s=spacing_fraction * _spacing_s(costs, site, vehicles),
         )  # fmt: skip
     total_s, begun = split(costs)
     if not math.isfinite(total_s):
@@ -380,8 +382,8 @@ def _spacing_s(costs: FlightCosts, site: Site, vehicles: int) -> float:
     """Approximate time between landings of two vehicles at one home, so that the second comes late enough."""
     fleet = site.scenario.fleet
     flight_s = min(costs.endurance_s, float(costs.so_far_s[-1]) / vehicles)
-    column_s = float(landing_time(pace_of(site), site.scenario.vehicle.takeoff_height_m))
-    return 2.0 * (fleet.timing_error_fraction * flight_s + fleet.start_error_s) + fleet.pad_s + column_s
+    vertical_s = float(landing_time(pace_of(site), site.scenario.vehicle.takeoff_height_m))
+    return 2.0 * (fleet.timing_error_fraction * flight_s + fleet.start_error_s) + fleet.pad_s + vertical_s
 
 
 def _why_not(site: Site, costs: FlightCosts, refusal: InfeasibleError) -> str:
@@ -399,13 +401,13 @@ def _why_not(site: Site, costs: FlightCosts, refusal: InfeasibleError) -> str:
     if least[worst] > costs.endurance_s:
         return (
             f"{part(worst)}: a sortie with this part alone takes {least[worst]:.0f} s including transits, but "
-            f"{longest_flight_in_words(site.scenario.vehicle)}; move [home] nearer, or plan a smaller area"
+            f"{longest_flight_text(site.scenario.vehicle)}; move [home] nearer, or plan a smaller area"
         )
     used = np.array([battery_s(costs.energies, int(first), int(first) + step) for first in firsts])
     worst = int(np.argmax(used))
     if used[worst] > costs.energies.usable_s:
         return (
-            f"{part(worst)}: a sortie with this part alone uses {battery_in_words(site, float(used[worst]))}; move "
+            f"{part(worst)}: a sortie with this part alone uses {battery_text(site, float(used[worst]))}; move "
             "[home] nearer, plan a smaller area, or fly in less wind"
         )
     items = costs.there_items[firsts] + costs.each_items * (step + 1) + costs.back_items[firsts + step]

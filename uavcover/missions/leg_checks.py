@@ -174,7 +174,7 @@ def find_waypoint_problems(
     rows = _waypoint_figures(site, route_m)
     alts = site.alts_amsl_m(route_m)
     breaches = waypoint_breaches(site.ground, route_m, site.scenario.obstacles)
-    entered = {breach.leg: breach for breach in reversed(site.planned_zones.place_breaches(route_m))}
+    entered = {breach.leg: breach for breach in reversed(site.planned_zones.position_breaches(route_m))}
     problems: list[LegProblem] = []
     for k, point in enumerate(route_m):
         figures = _Figures(k, (point, point), rows[k], alts[[k, k]], breaches[k], entered.get(k))
@@ -199,52 +199,54 @@ class _Figures:
         obstacle, lacking, at = self.obstacle
         if lacking > 0.0:
             name = site.prisms[int(obstacle)].footprint.name
-            yield self._problem("obstacle", lacking, 0.0, "m", self._place_m(at), name)
+            yield self._problem("obstacle", lacking, 0.0, "m", self._position_m(at), name)
         yield from self._height_problems(site, lowest_agl_m, highest_agl_m)
         (angle,) = climb_angles_deg(np.stack(self.ends_m))
         if angle > limits.max_climb_angle_deg + CLIMB_TOLERANCE_DEG:
             yield self._problem("climb", angle, limits.max_climb_angle_deg, "degrees", end)
-        outside, place = _furthest_outside_fence(site, *self.ends_m)
+        outside, position = _furthest_outside_fence(site, *self.ends_m)
         if outside > 0.0:
-            yield self._problem("fence", outside, 0.0, "m", place)
+            yield self._problem("fence", outside, 0.0, "m", position)
         if self.zone is not None:
-            name, place = site.zones[self.zone.zone].name, self._place_m(self.zone.at)
-            yield self._problem("no-fly zone", self.zone.depth_m, 0.0, "m", place, name)
+            name, position = site.zones[self.zone.zone].name, self._position_m(self.zone.at)
+            yield self._problem("no-fly zone", self.zone.depth_m, 0.0, "m", position, name)
 
     def _height_problems(self, site: Site, lowest_agl_m: float, highest_agl_m: float | None) -> Iterator[LegProblem]:
         limits, alts = site.scenario.limits, self.alts_amsl_m
         low, low_at, high, high_at = self.heights
         if not np.isfinite(low):
-            yield self._problem("no elevation data", 0.0, 0.0, "", self._place_m(0.5))
+            yield self._problem("no elevation data", 0.0, 0.0, "", self._position_m(0.5))
             return
         tolerance_m = HEIGHT_TOLERANCE_M + site.ground.cut_error_m
         above_ground, above_sea = "m above ground", "m AMSL"
         if low < lowest_agl_m - tolerance_m:
-            yield self._problem("too low", low, lowest_agl_m, above_ground, self._place_m(low_at))
+            yield self._problem("too low", low, lowest_agl_m, above_ground, self._position_m(low_at))
         if highest_agl_m is not None and high > highest_agl_m + tolerance_m:
-            yield self._problem("too high", high, highest_agl_m, above_ground, self._place_m(high_at))
+            yield self._problem("too high", high, highest_agl_m, above_ground, self._position_m(high_at))
         # Height above sea level is linear along a leg, so it is worst at an end.
-        lowest, highest = self._place_m(float(np.argmin(alts))), self._place_m(float(np.argmax(alts)))
+        lowest, highest = self._position_m(float(np.argmin(alts))), self._position_m(float(np.argmax(alts)))
         if limits.min_alt_amsl_m is not None and alts.min() < limits.min_alt_amsl_m - HEIGHT_TOLERANCE_M:
             yield self._problem("below sea-level limit", alts.min(), limits.min_alt_amsl_m, above_sea, lowest)
         if limits.max_alt_amsl_m is not None and alts.max() > limits.max_alt_amsl_m + HEIGHT_TOLERANCE_M:
             yield self._problem("above sea-level limit", alts.max(), limits.max_alt_amsl_m, above_sea, highest)
 
-    def _place_m(self, t: float) -> FloatArray:
+    def _position_m(self, t: float) -> FloatArray:
         begin, end = self.ends_m
         return begin + t * (end - begin)
 
     def _problem(
-        self, kind: ProblemKind, value: float, limit: float, unit: str, place_m: FloatArray, name: str = ""
+        self, kind: ProblemKind, value: float, limit: float, unit: str, position_m: FloatArray, name: str = ""
     ) -> LegProblem:
-        return LegProblem(self.number, kind, float(value), limit, unit, float(place_m[0]), float(place_m[1]), name=name)
+        return LegProblem(
+            self.number, kind, float(value), limit, unit, float(position_m[0]), float(position_m[1]), name=name
+        )
 
 
 def _zone_breaches(site: Site, route_m: FloatArray) -> list[ZoneBreach]:
     """Entries of the legs into zones and their margins, or of the waypoints alone, as the limits apply."""
     if site.scenario.limits.applies_to == "legs":
         return site.planned_zones.leg_breaches(route_m)
-    return site.planned_zones.place_breaches(route_m)
+    return site.planned_zones.position_breaches(route_m)
 
 
 def _breaches(site: Site, route_m: FloatArray) -> FloatArray:
@@ -279,10 +281,10 @@ def route_height_range_m(site: Site, route_m: FloatArray) -> tuple[float, float]
 
 
 def _length_outside_fence_m(site: Site, route_m: FloatArray) -> float:
-    places = route_m[:, :2]
-    if site.scenario.limits.applies_to == "waypoints" or len(places) < 2:
-        return float(shapely.distance(site.fence, shapely.points(places)).sum())
-    outside = _outside_fence(site, shapely.LineString(places))
+    positions = route_m[:, :2]
+    if site.scenario.limits.applies_to == "waypoints" or len(positions) < 2:
+        return float(shapely.distance(site.fence, shapely.points(positions)).sum())
+    outside = _outside_fence(site, shapely.LineString(positions))
     return 0.0 if outside is None else float(shapely.length(outside))
 
 
@@ -294,10 +296,10 @@ def _furthest_outside_fence(site: Site, a: FloatArray, b: FloatArray) -> tuple[f
     if outside is None:
         return 0.0, b[:2]
     # Corners of the outside parts and points between them: exact along a straight fence, close enough in its bays.
-    places = shapely.get_coordinates(shapely.segmentize(outside, max(float(shapely.length(outside)) / 64.0, 1e-3)))
-    distances = np.atleast_1d(shapely.distance(site.fence, shapely.points(places)))
+    positions = shapely.get_coordinates(shapely.segmentize(outside, max(float(shapely.length(outside)) / 64.0, 1e-3)))
+    distances = np.atleast_1d(shapely.distance(site.fence, shapely.points(positions)))
     worst = int(np.argmax(distances))
-    return float(distances[worst]), places[worst]
+    return float(distances[worst]), positions[worst]
 
 
 def _outside_fence(site: Site, line: shapely.LineString) -> shapely.Geometry | None:
@@ -363,7 +365,7 @@ def find_corner_problems(site: Site, route_m: FloatArray, *, with_ends: bool = T
             figures.excess_m[[0, -1]] = 0.0
         for k in np.flatnonzero(figures.excess_m.max(axis=1) > 0.0):
             at = int(np.argmax(figures.excess_m[k]))
-            east_m, north_m, _ = figures.places_m[k, at].tolist()
+            east_m, north_m, _ = figures.positions_m[k, at].tolist()
             value = float(figures.values[k, at])
             where = int(k), figures.kind, value, figures.limit, figures.unit, east_m, north_m
             problems.append(LegProblem(*where, in_corner=True, name=figures.names[k]))
@@ -375,7 +377,7 @@ class _CornerFigures:
     """Values of n corners, at k positions each, compared with one limit."""
 
     kind: ProblemKind  # which
-    places_m: FloatArray  # (n, k, 3) ENU
+    positions_m: FloatArray  # (n, k, 3) ENU
     values: FloatArray  # (n, k) what is limited
     excess_m: FloatArray  # (n, k) beyond the limit; 0 where it is kept
     limit: float  # the limit
@@ -385,25 +387,27 @@ class _CornerFigures:
 
 def _corner_figures(site: Site, route_m: FloatArray) -> list[_CornerFigures]:
     """For each limit that a corner breaks anywhere."""
-    places_m = corners_flown(site, route_m) if len(route_m) > 1 else None
-    if places_m is None:
+    positions_m = corners_flown(site, route_m) if len(route_m) > 1 else None
+    if positions_m is None:
         return []
-    flat, shape = places_m.reshape(-1, 3), places_m.shape[:2]
+    flat, shape = positions_m.reshape(-1, 3), positions_m.shape[:2]
     limits, unnamed = site.scenario.limits, ("",) * shape[0]
     agl_m = site.ground.heights_agl_m(flat).reshape(shape)
     low_m, high_m = limits.min_height_agl_m, limits.max_height_agl_m
     outside_m = _outside_m(site, flat).reshape(shape)
-    obstacle, lacking_m = _lacking_m(site, places_m)
+    obstacle, lacking_m = _lacking_m(site, positions_m)
     zone, depth_m = _depth_m(site, flat, shape)
     above_ground = "m above ground"
     found = [
-        _CornerFigures("too low", places_m, agl_m, low_m - agl_m - _CORNER_TOLERANCE_M, low_m, above_ground, unnamed),
         _CornerFigures(
-            "too high", places_m, agl_m, agl_m - high_m - _CORNER_TOLERANCE_M, high_m, above_ground, unnamed
+            "too low", positions_m, agl_m, low_m - agl_m - _CORNER_TOLERANCE_M, low_m, above_ground, unnamed
         ),
-        _CornerFigures("fence", places_m, outside_m, outside_m, 0.0, "m", unnamed),
-        _CornerFigures("obstacle", places_m, lacking_m, lacking_m, 0.0, "m", obstacle),
-        _CornerFigures("no-fly zone", places_m, depth_m, depth_m, 0.0, "m", zone),
+        _CornerFigures(
+            "too high", positions_m, agl_m, agl_m - high_m - _CORNER_TOLERANCE_M, high_m, above_ground, unnamed
+        ),
+        _CornerFigures("fence", positions_m, outside_m, outside_m, 0.0, "m", unnamed),
+        _CornerFigures("obstacle", positions_m, lacking_m, lacking_m, 0.0, "m", obstacle),
+        _CornerFigures("no-fly zone", positions_m, depth_m, depth_m, 0.0, "m", zone),
     ]
     return [
         dataclasses.replace(each, excess_m=np.fmax(each.excess_m, 0.0)) for each in found if (each.excess_m > 0.0).any()
@@ -418,13 +422,13 @@ def _outside_m(site: Site, flat_m: FloatArray) -> FloatArray:
     return outside_m
 
 
-def _lacking_m(site: Site, places_m: FloatArray) -> tuple[tuple[str, ...], FloatArray]:
+def _lacking_m(site: Site, positions_m: FloatArray) -> tuple[tuple[str, ...], FloatArray]:
     """Nearest obstacles of (n, k, 3) corners, and (n, k) metres of clearance that are missing there."""
-    count, points = places_m.shape[:2]
+    count, points = positions_m.shape[:2]
     if not site.prisms:
         return ("",) * count, np.zeros((count, points))
     # From place to place, and from the last one of a corner to the first one of the next, which does not count.
-    breaches = leg_breaches(site.ground, places_m.reshape(-1, 3), site.scenario.obstacles)
+    breaches = leg_breaches(site.ground, positions_m.reshape(-1, 3), site.scenario.obstacles)
     breaches = np.vstack([breaches, [-1.0, 0.0, 0.0]]).reshape(count, points, 3)
     breaches[:, -1, 1] = 0.0
     worst = breaches[np.arange(count), breaches[:, :, 1].argmax(axis=1), 0].astype(int)
@@ -434,9 +438,9 @@ def _lacking_m(site: Site, places_m: FloatArray) -> tuple[tuple[str, ...], Float
 def _depth_m(site: Site, flat_m: FloatArray, shape: tuple[int, ...]) -> tuple[tuple[str, ...], FloatArray]:
     """Entered no-fly zones of corners whose places are the rows of an array, and (n, k) metres inside of them."""
     depth_m, names = np.zeros(shape), [""] * shape[0]
-    for breach in site.flown_zones.place_breaches(flat_m) if site.zones else ():
-        corner, place = divmod(breach.leg, shape[1])
+    for breach in site.flown_zones.position_breaches(flat_m) if site.zones else ():
+        corner, position = divmod(breach.leg, shape[1])
         if breach.depth_m > depth_m[corner].max():
             names[corner] = site.zones[breach.zone].name
-        depth_m[corner, place] = max(depth_m[corner, place], breach.depth_m)
+        depth_m[corner, position] = max(depth_m[corner, position], breach.depth_m)
     return tuple(names), depth_m

@@ -38,18 +38,24 @@ from uavcover.errors import InfeasibleError
 from uavcover.kernels.arrays import FloatArray, read_only
 from uavcover.kernels.flight_time import flight_time, landing_time, leg_time, takeoff_time
 from uavcover.missions.leg_checks import find_corner_problems, find_problems
+from uavcover.missions.path_cost import (
+    FlightEnergy,
+    battery_text,
+    battery_used_s,
+    longest_flight_text,
+    usable_s,
+)
 from uavcover.missions.return_advice import OwnReturns, ReturnAdvice, with_rally
 from uavcover.missions.transit import (
-    check_column,
+    check_climb_out,
+    check_outbound,
+    check_return,
     check_transit,
-    check_way_home,
-    check_way_there,
     fence_of,
     frame_and_home,
     refuse,
     transit,
 )
-from uavcover.missions.way_cost import FlightEnergy, battery_in_words, battery_used_s, longest_flight_in_words, usable_s
 from uavcover.model.route import Route
 from uavcover.model.sensor import Sensor
 from uavcover.model.vehicle import AutopilotName
@@ -95,7 +101,7 @@ def headed(item: MissionItem, sensor: Sensor, autopilot: AutopilotName) -> Missi
     return replace(item, params=(*item.params[:3], sensor.heading_deg))
 
 
-def picture_at_waypoint(number: int, autopilot: AutopilotName) -> MissionItem:
+def photo_at_waypoint(number: int, autopilot: AutopilotName) -> MissionItem:
     """Take one photo at planned waypoint ``number``, from 0: carried out once the waypoint before it is reached."""
     return item_of(StartPictures(count=1, first_number=number + 1) if autopilot == "px4" else TakePicture())
 
@@ -176,7 +182,7 @@ def compile_mission(site: Site, route: Route, *, autopilot: AutopilotName | None
         change_speed(site.scenario.vehicle.cruise_speed_m_s),
         *(_item(waypoint, frame, point, home) for point in there[1:-1]),
     ]
-    check_column(site, home, there[0])
+    check_climb_out(site, home, there[0])
     climb_m = float(there[0, 2] - home[2])
     climb = _Begin(takeoff_time(pace_of(site, autopilot), climb_m), FlightEnergy(site, autopilot).takeoff_s(climb_m))
     return _compiled(site, route, opening, there, begin=climb, flown_s=0.0, autopilot=autopilot)
@@ -216,7 +222,7 @@ def compile_continuation(
         change_speed(site.scenario.vehicle.cruise_speed_m_s),
         *(_item(waypoint, frame, point, home) for point in there[:-1]),
     ]
-    climb_s = leg_time(pace_of(site, autopilot), _place(here), _place(there[0]))
+    climb_s = leg_time(pace_of(site, autopilot), _position(here), _position(there[0]))
     climb = _Begin(climb_s, FlightEnergy(site, autopilot).path_s(np.vstack([here, there[0]])))
     return _compiled(site, route, opening, there, begin=climb, flown_s=flown_s, autopilot=autopilot)
 
@@ -248,35 +254,35 @@ def _compiled(
     frame, home = frame_and_home(site)
     planned, vehicle = route.waypoints_m, site.scenario.vehicle
     back = transit(site, home[:2], planned[-1], ground_end_height_m=vehicle.takeoff_height_m)[::-1]
-    check_way_there(site, there_m)
-    check_way_home(site, back)
-    check_column(site, home, back[-1])
+    check_outbound(site, there_m)
+    check_return(site, back)
+    check_climb_out(site, home, back[-1])
 
     sensor = site.scenario.sensor
     first, *_ = sensing = [headed(_item(waypoint, frame, point, home), sensor, autopilot) for point in planned]
     opening = [*opening, *pointing_items(sensor, autopilot)]
-    picture_distance_m = trigger_distance_m(site.scenario)
-    if picture_distance_m is not None:
+    photo_distance_m = trigger_distance_m(site.scenario)
+    if photo_distance_m is not None:
         # a command is executed once the waypoint before it is reached, so the first waypoint appears twice.
-        opening += [first, trigger_camera_every(picture_distance_m)]
+        opening += [first, trigger_camera_every(photo_distance_m)]
         sensing.append(trigger_camera_every(0.0))
     if not sensor.looks_along_path:
-        pictures = [picture_at_waypoint(number, autopilot) for number in range(len(planned))]
-        sensing = [item for pair in zip(sensing, pictures, strict=True) for item in pair]
+        photos = [photo_at_waypoint(number, autopilot) for number in range(len(planned))]
+        sensing = [item for pair in zip(sensing, photos, strict=True) for item in pair]
     items = [*opening, *sensing]
     items += [_item(waypoint, frame, point, home) for point in back[1:]]
     items.append(_item(land, frame, home, home))
     mission = Mission(_home_point(frame, home), tuple(items))
     path = np.vstack([there_m[:-1], planned, back[1:]])
     # Waypoints that stand twice in the mission stop the vehicle.
-    stops = 0 if picture_distance_m is None else 1
+    stops = 0 if photo_distance_m is None else 1
     timed = np.vstack([there_m[:-1], *[planned[:1]] * stops, planned, back[1:]])
     pace = pace_of(site, autopilot)
     time_s = begin.time_s + flight_time(pace, read_only(timed)) + landing_time(pace, timed[-1, 2] - home[2])
     before = f" after {flown_s:.0f} s in the air" if flown_s > 0.0 else ""
     if vehicle.longest_flight_s is not None and flown_s + time_s > vehicle.longest_flight_s:
         raise MissionTooLongError(
-            f"the flight takes {time_s:.0f} s including transits{before}, but {longest_flight_in_words(vehicle)}; "
+            f"the flight takes {time_s:.0f} s including transits{before}, but {longest_flight_text(vehicle)}; "
             "require less coverage (--select), or plan a smaller area"
         )
     used_s = battery_used_s(FlightEnergy(site, autopilot), begin.energy_s, timed, home)
@@ -284,7 +290,7 @@ def _compiled(
     before_s = flown_s * max(1.0, used_s / time_s)
     if before_s + used_s > usable_s(vehicle):
         raise MissionTooLongError(
-            f"the flight{before} uses {battery_in_words(site, before_s + used_s)}; require less coverage (--select), plan a "
+            f"the flight{before} uses {battery_text(site, before_s + used_s)}; require less coverage (--select), plan a "
             "smaller area, or fly in less wind"
         )
     returns = OwnReturns(
@@ -373,10 +379,10 @@ def _check_autopilot(content: MissionList, autopilot: autopilots.Autopilot, *, i
 
 def _item(make: Callable[..., MissionItem], frame: LocalFrame, point_m: FloatArray, home_m: FloatArray) -> MissionItem:
     """An item at a position. The heading is NaN, so the vehicle yaws along the path; for PX4, 0 would mean north."""
-    place = _geo_point(frame, point_m)
+    position = _geo_point(frame, point_m)
     home_alt = _geo_point(frame, home_m).alt_amsl_m
-    height_m = round(place.alt_amsl_m - home_alt, _HEIGHT_DECIMALS)
-    item = make(place.lat_deg, place.lon_deg, height_m, frame=Frame.ABOVE_HOME)
+    height_m = round(position.alt_amsl_m - home_alt, _HEIGHT_DECIMALS)
+    item = make(position.lat_deg, position.lon_deg, height_m, frame=Frame.ABOVE_HOME)
     return dataclasses.replace(item, params=(*item.params[:3], math.nan))
 
 
@@ -390,7 +396,7 @@ def _home_point(frame: LocalFrame, home_m: FloatArray) -> GeoPoint:
     return dataclasses.replace(home, alt_amsl_m=round(home.alt_amsl_m, _HEIGHT_DECIMALS))
 
 
-def _place(point_m: FloatArray) -> tuple[float, float, float]:
+def _position(point_m: FloatArray) -> tuple[float, float, float]:
     return float(point_m[0]), float(point_m[1]), float(point_m[2])
 
 

@@ -11,11 +11,11 @@ from uavcover.errors import InfeasibleError
 from uavcover.kernels import route as kernels
 from uavcover.kernels.arrays import FloatArray, IntArray, read_only
 from uavcover.kernels.flight_time import Pace, flight_time, landing_time, leg_times, takeoff_time, turn_times
-from uavcover.kernels.way_cost import ENERGY, FlightCosts, FlightEnergies, WayCost, route_cost, split, straight_ends
+from uavcover.kernels.path_cost import ENERGY, FlightCosts, FlightEnergies, PathCost, route_cost, split, straight_ends
 from uavcover.missions.leg_checks import corner_excess_m, measure_violations, route_height_range_m
 from uavcover.missions.mission_compiler import AUTOPILOTS, items_per_waypoint
-from uavcover.missions.transit import check_way_home, check_way_there, home_of, transit
-from uavcover.missions.way_cost import FlightEnergy, mission_cost_of, usable_s, way_cost_of
+from uavcover.missions.path_cost import FlightEnergy, mission_cost_of, path_cost_of, usable_s
+from uavcover.missions.transit import check_outbound, check_return, home_of, transit
 from uavcover.model.route import Route, RouteMember, RouteMetrics
 from uavcover.model.vehicle import AutopilotName
 from uavcover.scenario.site import Site, once
@@ -36,25 +36,27 @@ def flight_costs_along_transits(
     there, back, alone, items = np.empty(n), np.empty(n), np.empty(n), np.empty(n, dtype=np.int64)
     energy = FlightEnergy(site, autopilot)
     # Routes of one Pareto set share many waypoints.
-    ways = _transits(site)
+    paths = _transits(site)
     used_there, used_back, used_alone = np.empty((3, len(energy.winds_m_s), n))
     for k, point in enumerate(points):
         end = point.tobytes()
-        if end not in ways:
-            ways[end] = transit(site, home[:2], point, ground_end_height_m=vehicle.takeoff_height_m)
-        way = ways[end]
+        if end not in paths:
+            paths[end] = transit(site, home[:2], point, ground_end_height_m=vehicle.takeoff_height_m)
+        path = paths[end]
         # With the turn onto the leg behind it, and off the leg before it.
         onto, off = points[k + 1 : k + 1] if stops else points[k + 1 : k + 2], points[max(k - 1, 0) : k]
-        there[k] = _there_s(pace, home, way, onto)
-        back[k] = _back_s(pace, home, way, off)
+        there[k] = _there_s(pace, home, path, onto)
+        back[k] = _back_s(pace, home, path, off)
         # a flight to this waypoint alone turns from the outbound to the return transit.
-        round_m = np.vstack([way, way[-1:] if stops else way[:0], way[-2::-1]])
-        column_m = way[0, 2] - home[2]
-        alone[k] = takeoff_time(pace, column_m) + flight_time(pace, read_only(round_m)) + landing_time(pace, column_m)
-        items[k] = len(way) - 1
-        up, down, legs = energy.takeoff_s(column_m), energy.landing_s(column_m), len(way) - 1
-        used_there[:, k] = up + energy.first_legs_s(np.vstack([way, onto]), legs)
-        used_back[:, k] = energy.first_legs_s(np.vstack([off, way[::-1]]), -legs) + down
+        round_m = np.vstack([path, path[-1:] if stops else path[:0], path[-2::-1]])
+        climb_out_m = path[0, 2] - home[2]
+        alone[k] = (
+            takeoff_time(pace, climb_out_m) + flight_time(pace, read_only(round_m)) + landing_time(pace, climb_out_m)
+        )
+        items[k] = len(path) - 1
+        up, down, legs = energy.takeoff_s(climb_out_m), energy.landing_s(climb_out_m), len(path) - 1
+        used_there[:, k] = up + energy.first_legs_s(np.vstack([path, onto]), legs)
+        used_back[:, k] = energy.first_legs_s(np.vstack([off, path[::-1]]), -legs) + down
         used_alone[:, k] = up + energy.path_s(round_m) + down
     # Home, take-off, speed and transit before the route; transit and landing after it.
     costs = _flight_costs(
@@ -132,13 +134,13 @@ def checked(costs: FlightCosts, site: Site, route: Route) -> FlightCosts:
     home, height_m = home_of(site), site.scenario.vehicle.takeoff_height_m
     there, back = costs.there_s.copy(), costs.back_s.copy()
     for k, point in enumerate(route.waypoints_m):
-        way = transit(site, home[:2], point, ground_end_height_m=height_m)
+        path = transit(site, home[:2], point, ground_end_height_m=height_m)
         try:
-            check_way_there(site, way)
+            check_outbound(site, path)
         except InfeasibleError:
             there[k] = math.inf
         try:
-            check_way_home(site, way[::-1])
+            check_return(site, path[::-1])
         except InfeasibleError:
             back[k] = math.inf
     return costs._replace(there_s=there, back_s=back)
@@ -163,14 +165,14 @@ def mission_cost(site: Site, route: Route) -> MissionCost:
         raise InfeasibleError(f"scenario {site.scenario.name} has no [home], or the route has no waypoints")
     points, pace = route.waypoints_m, pace_of(site)
     stops = trigger_distance_m(site.scenario) is not None
-    way, way_back = (
+    path, path_back = (
         transit(site, home[:2], point, ground_end_height_m=vehicle.takeoff_height_m) for point in points[[0, -1]]
     )
-    whole_m = np.vstack([way, points[:1] if stops else points[:0], points[1:], way_back[-2::-1]])
+    whole_m = np.vstack([path, points[:1] if stops else points[:0], points[1:], path_back[-2::-1]])
     time_s = float(
-        takeoff_time(pace, way[0, 2] - home[2])
+        takeoff_time(pace, path[0, 2] - home[2])
         + flight_time(pace, read_only(whole_m))
-        + landing_time(pace, way_back[0, 2] - home[2])
+        + landing_time(pace, path_back[0, 2] - home[2])
     )
     straight = mission_cost_of(site)
     if not math.isfinite(time_s):
@@ -179,13 +181,15 @@ def mission_cost(site: Site, route: Route) -> MissionCost:
         return MissionCost(float(route_cost(surface, straight, points)), float(route_cost(surface, of_energy, points)))
     longest_s, most_items = _limits(site, vehicle.autopilot)
     each = items_per_waypoint(site.scenario.sensor)
-    one = len(way) + len(way_back) + each * len(route) + 1 <= most_items and time_s <= longest_s
+    one = len(path) + len(path_back) + each * len(route) + 1 <= most_items and time_s <= longest_s
     energy = FlightEnergy(site)
-    used_s = energy.takeoff_s(way[0, 2] - home[2]) + energy.path_s(whole_m) + energy.landing_s(way_back[0, 2] - home[2])
+    used_s = (
+        energy.takeoff_s(path[0, 2] - home[2]) + energy.path_s(whole_m) + energy.landing_s(path_back[0, 2] - home[2])
+    )
     in_one = MissionCost(time_s, float(used_s[0]))
     if one and float(used_s.max()) <= usable_s(vehicle):
         return in_one
-    costs = straight_flight_costs(site, points, way_items=round(0.5 * (len(way) + len(way_back))) - 1)
+    costs = straight_flight_costs(site, points, transit_items=round(0.5 * (len(path) + len(path_back))) - 1)
     split_s, begun = split(costs)
     if not math.isfinite(split_s):
         return in_one
@@ -194,15 +198,15 @@ def mission_cost(site: Site, route: Route) -> MissionCost:
     return MissionCost(float(split_s), math.fsum(used))
 
 
-def straight_flight_costs(site: Site, route_m: FloatArray, *, way_items: int) -> FlightCosts:
+def straight_flight_costs(site: Site, route_m: FloatArray, *, transit_items: int) -> FlightCosts:
     """Costs of the flights of an (n, 3) route with straight transits from and to above home.
 
     Args:
         site: the scenario on its ground, with a home.
         route_m: two waypoints at least.
-        way_items: mission items of a way between home and the route, without home and take-off, or landing.
+        transit_items: mission items of a way between home and the route, without home and take-off, or landing.
     """
-    straight, items = mission_cost_of(site), np.full(len(route_m), way_items, dtype=np.int64)
+    straight, items = mission_cost_of(site), np.full(len(route_m), transit_items, dtype=np.int64)
     return _flight_costs(
         site,
         route_m,
@@ -214,18 +218,20 @@ def straight_flight_costs(site: Site, route_m: FloatArray, *, way_items: int) ->
     )
 
 
-def _straight_flight_s(energy: FlightEnergy, way: WayCost, points_m: FloatArray) -> float:
+def _straight_flight_s(energy: FlightEnergy, path_cost: PathCost, points_m: FloatArray) -> float:
     """Hovering seconds of a flight along (k, 3) waypoints in the stated wind, with straight transits."""
-    stop, top = points_m[: way.stop_at_first], np.array([way.column_top])
+    stop, top = points_m[: path_cost.stop_at_first], np.array([path_cost.climb_out_top])
     path = np.vstack([top, points_m[:1], stop, points_m[1:], top])
-    return float((energy.takeoff_s(way.column_m) + energy.path_s(path) + energy.landing_s(way.column_m))[0])
+    return float(
+        (energy.takeoff_s(path_cost.climb_out_m) + energy.path_s(path) + energy.landing_s(path_cost.climb_out_m))[0]
+    )
 
 
 def flights_of_split(begun: IntArray, shared: int) -> list[tuple[int, int]]:
     """First and last waypoint of each flight, in their order.
 
     Args:
-        begun: (n,) where the flight that ends at each waypoint begins, by :func:`uavcover.kernels.way_cost.split`.
+        begun: (n,) where the flight that ends at each waypoint begins, by :func:`uavcover.kernels.path_cost.split`.
         shared: 1 when a flight begins at the last waypoint of the previous one.
     """
     end = len(begun) - shared
@@ -237,7 +243,7 @@ def flights_of_split(begun: IntArray, shared: int) -> list[tuple[int, int]]:
     return flights[::-1]
 
 
-def way_home(site: Site, place_m: FloatArray) -> tuple[FloatArray, float]:
+def return_path(site: Site, position_m: FloatArray) -> tuple[FloatArray, float]:
     """The transit home from rest at a (3,) ENU place in flight.
 
     Returns:
@@ -247,21 +253,21 @@ def way_home(site: Site, place_m: FloatArray) -> tuple[FloatArray, float]:
         InfeasibleError: the site has no home.
     """
     home = home_of(site)
-    way = transit(site, home[:2], place_m, ground_end_height_m=site.scenario.vehicle.takeoff_height_m)
-    return np.vstack([way[::-1], home]), _back_s(pace_of(site), home, way, np.empty((0, 3)))
+    path = transit(site, home[:2], position_m, ground_end_height_m=site.scenario.vehicle.takeoff_height_m)
+    return np.vstack([path[::-1], home]), _back_s(pace_of(site), home, path, np.empty((0, 3)))
 
 
-def _there_s(pace: Pace, home_m: FloatArray, way_m: FloatArray, onto_m: FloatArray) -> float:
+def _there_s(pace: Pace, home_m: FloatArray, path_m: FloatArray, onto_m: FloatArray) -> float:
     """Time from home on the ground along a (k, 3) transit, with the turn onto the next leg."""
-    return float(takeoff_time(pace, way_m[0, 2] - home_m[2])) + _time_s(
-        pace, np.vstack([way_m, onto_m]), legs=len(way_m) - 1
+    return float(takeoff_time(pace, path_m[0, 2] - home_m[2])) + _time_s(
+        pace, np.vstack([path_m, onto_m]), legs=len(path_m) - 1
     )
 
 
-def _back_s(pace: Pace, home_m: FloatArray, way_m: FloatArray, off_m: FloatArray) -> float:
+def _back_s(pace: Pace, home_m: FloatArray, path_m: FloatArray, off_m: FloatArray) -> float:
     """Time along a (k, 3) transit to home on the ground, with the turn off the previous leg."""
-    return float(landing_time(pace, way_m[0, 2] - home_m[2])) + _time_s(
-        pace, np.vstack([off_m, way_m[::-1]]), legs=1 - len(way_m)
+    return float(landing_time(pace, path_m[0, 2] - home_m[2])) + _time_s(
+        pace, np.vstack([off_m, path_m[::-1]]), legs=1 - len(path_m)
     )
 
 
@@ -283,15 +289,18 @@ class Evaluation:
 
 def evaluate_routes(coverage: CoverageMap, routes: Sequence[Route], executor: Executor | None = None) -> Evaluation:
     """Evaluate routes independently of each other, so the number of threads does not change the result."""
-    way = way_cost_of(coverage.site)
+    path_cost = path_cost_of(coverage.site)
 
     def one(route: Route) -> tuple[float, float, float, float]:
         points = route.waypoints_m
-        share = coverage.share(coverage.seen(points))
+        fraction = coverage.fraction(coverage.observed(points))
         violation = measure_violations(
             coverage.site, points, margin_m=coverage.site.scenario.limits.height_margin_m
         ).total
-        return -share, float(len(route)), float(route_cost(coverage.site.ground.surface, way, points)), violation
+        return (
+            -fraction, float(len(route)), float(route_cost(coverage.site.ground.surface, path_cost, points)),
+            violation,
+        )  # fmt: skip
 
     rows = np.array(list(executor.map(one, routes) if executor is not None else map(one, routes))).reshape(-1, 4)
     return Evaluation(objectives=rows[:, :3], violations=rows[:, 3:])
@@ -318,12 +327,12 @@ def judge(coverage: CoverageMap, route: Route) -> RouteMetrics:
     """The reported metrics of a route, on the cells of ``coverage``."""
     site: Site = coverage.site
     points = route.waypoints_m
-    seen = coverage.seen(points)
+    observed = coverage.observed(points)
     lowest, highest = route_height_range_m(site, points)
     mission = None if site.home_m is None else mission_cost(site, route)
     return RouteMetrics(
-        coverage_fraction=coverage.share(seen),
-        coverage_of_coverable=coverage.share_of_coverable(seen),
+        coverage_fraction=coverage.fraction(observed),
+        coverage_of_coverable=coverage.fraction_of_coverable(observed),
         waypoint_count=len(route),
         path_length_m=float(kernels.path_length(points)),
         flight_time_s=float(flight_time(pace_of(site), points)),
@@ -337,12 +346,14 @@ def judge(coverage: CoverageMap, route: Route) -> RouteMetrics:
 
 def _cost(site: Site, route: Route, mission: MissionCost | None) -> float:
     """The planner's cost of a route; of its mission along the transits that would be flown."""
-    way, surface, points = way_cost_of(site), site.ground.surface, route.waypoints_m
-    cost = float(route_cost(surface, way, points))
-    if way.mission == 0 or mission is None:
+    path_cost, surface, points = path_cost_of(site), site.ground.surface, route.waypoints_m
+    cost = float(route_cost(surface, path_cost, points))
+    if path_cost.mission == 0 or mission is None:
         return cost
-    flown = mission.energy_hover_s if way.unit == ENERGY else mission.time_s
-    return flown + cost - float(route_cost(surface, way._replace(deviation_price=0.0, waypoint_price=0.0), points))
+    flown = mission.energy_hover_s if path_cost.unit == ENERGY else mission.time_s
+    return (
+        flown + cost - float(route_cost(surface, path_cost._replace(deviation_price=0.0, waypoint_price=0.0), points))
+    )
 
 
 # Figures of a route whose parts of the area are flown by different vehicles: they count together.
@@ -361,18 +372,19 @@ def judge_route(site: Site, route: Route, origin: str, *, margin_m: float) -> Ro
     sites = vehicle_sites(site)
     maps = [map_for(site, sites[group[0] - 1]) for group in groups]
     members = [judge_member(own, part, origin, margin_m=margin_m) for own, part in zip(maps, route.parts, strict=True)]
-    seen = np.logical_or.reduce(
-        [own.seen(part.waypoints_m) for own, part in zip(maps, route.parts, strict=True)], axis=0
+    observed = np.logical_or.reduce(
+        [own.observed(part.waypoints_m) for own, part in zip(maps, route.parts, strict=True)], axis=0
     )
     metrics = _together(
-        [member.metrics for member in members], share=whole.share(seen), of_coverable=whole.share_of_coverable(seen)
-    )
+        [member.metrics for member in members], fraction=whole.fraction(observed),
+        of_coverable=whole.fraction_of_coverable(observed),
+    )  # fmt: skip
     return RouteMember(route, metrics, sum(member.violation for member in members), origin)
 
 
-def _together(parts: Sequence[RouteMetrics], *, share: float, of_coverable: float) -> RouteMetrics:
+def _together(parts: Sequence[RouteMetrics], *, fraction: float, of_coverable: float) -> RouteMetrics:
     return RouteMetrics(
-        coverage_fraction=share,
+        coverage_fraction=fraction,
         coverage_of_coverable=of_coverable,
         waypoint_count=sum(part.waypoint_count for part in parts),
         path_length_m=sum(part.path_length_m for part in parts),

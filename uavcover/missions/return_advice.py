@@ -69,7 +69,7 @@ class ReturnAdvice:
 
 
 def _sentence(one: UnsafeReturn) -> str:
-    east, north, _ = one.place_m
+    east, north, _ = one.position_m
     why = ", ".join(str(response) for response in one.responses)
     return (
         f"from waypoint {one.first_leg} ({one.begin_s:.0f} s) to waypoint {one.last_leg} ({one.end_s:.0f} s): {one.what}, "
@@ -116,8 +116,12 @@ def destinations(site: Site, path_m: FloatArray, rally_m: FloatArray, autopilot:
     """Home and rally points (r, 3) ENU of a site, for a (k, 3) ENU path that ends above home."""
     home = np.zeros(3) if site.home_m is None else site.home_m
 
-    def alts(places: FloatArray) -> FloatArray:
-        return np.column_stack([places[:, :2], site.alts_amsl_m(places)]) if len(places) else places.reshape(0, 3)
+    def alts(positions: FloatArray) -> FloatArray:
+        return (
+            np.column_stack([positions[:, :2], site.alts_amsl_m(positions)])
+            if len(positions)
+            else positions.reshape(0, 3)
+        )
 
     # Compiled missions end with a landing: PX4 knows it as one, ArduPilot only behind a DO_LAND_START.
     landing = len(path_m) - 1 if autopilot == "px4" else None
@@ -149,7 +153,7 @@ class OwnReturns:
             moved = frame.enu_from_geodetic(home.lat_deg, home.lon_deg, home.alt_amsl_m)[0]
             site = replace(site, home_m=moved)
         states = flight_states(site, self.path_m, begin_s=self.begin_s)
-        rally_m = rally_places_m(site, self.rally if rally is None else rally)
+        rally_m = rally_positions_m(site, self.rally if rally is None else rally)
         to = destinations(site, self.path_m, rally_m, self.autopilot)
         judged = judge_returns(settings_of(site, self.autopilot, parameters), states, to, return_limits(site))
 
@@ -174,17 +178,17 @@ class OwnReturns:
         )
 
 
-def rally_places_m(site: Site, rally: Sequence[FramedPoint]) -> FloatArray:
+def rally_positions_m(site: Site, rally: Sequence[FramedPoint]) -> FloatArray:
     """(r, 3) ENU of rally points as the autopilot takes them; NaN without a position on Earth."""
     if site.frame is None or not rally:
         return np.full((len(rally), 3), np.nan)
     home_alt = 0.0 if site.home_m is None else float(site.alts_amsl_m(site.home_m[None])[0])
-    places = []
+    positions = []
     for point in rally:
         ground = site.ground_alt_amsl_m(point.lat_deg, point.lon_deg)
         base = {Frame.AMSL: 0.0, Frame.ABOVE_TERRAIN: math.nan if ground is None else ground}.get(point.frame, home_alt)
-        places.append((point.lat_deg, point.lon_deg, base + point.alt_m))
-    lat, lon, alt = np.array(places).T
+        positions.append((point.lat_deg, point.lon_deg, base + point.alt_m))
+    lat, lon, alt = np.array(positions).T
     return np.asarray(site.frame.enu_from_geodetic(lat, lon, alt), float)
 
 
@@ -219,8 +223,10 @@ def _proposed(site: Site, path_m: FloatArray, autopilot: AutopilotName) -> Float
     """(r, 3) ENU rally points beside home; sorties are compiled several times, and searched for once."""
     given = site.scenario.planner.rally
     if not isinstance(given, str):
-        places = rally_en(site.scenario, site.frame)
-        return np.array([next(_with_heights(site, place, autopilot)) for place in places], float).reshape(-1, 3)
+        positions = rally_en(site.scenario, site.frame)
+        return np.array([next(_with_heights(site, position, autopilot)) for position in positions], float).reshape(
+            -1, 3
+        )
     if given != "auto":
         return np.empty((0, 3))
     known, key = _known(site), (path_m.tobytes(), autopilot)
@@ -235,11 +241,11 @@ def _known(_site: Site) -> dict[tuple[bytes, str], FloatArray]:
     return {}
 
 
-def _above_home(site: Site, places_m: FloatArray) -> tuple[FramedPoint, ...]:
+def _above_home(site: Site, positions_m: FloatArray) -> tuple[FramedPoint, ...]:
     """(r, 3) ENU places above home."""
-    if site.frame is None or site.home_m is None or not len(places_m):
+    if site.frame is None or site.home_m is None or not len(positions_m):
         return ()
-    lat, lon, alt = site.frame.geodetic_from_enu(places_m)
+    lat, lon, alt = site.frame.geodetic_from_enu(positions_m)
     above = alt - site.alts_amsl_m(site.home_m[None])[0]
     return tuple(
         FramedPoint(float(a), float(o), round(float(up), 3), Frame.ABOVE_HOME)
@@ -276,7 +282,7 @@ def _thinned(states: FlightStates) -> FlightStates:
     keep = np.unique(np.linspace(0, len(states.times_s) - 1, _MOST_MOMENTS).astype(np.int64))
     ahead = None if states.ahead_m is None else states.ahead_m[keep]
     return FlightStates(
-        states.places_m[keep], states.velocities_m_s[keep], states.times_s[keep], states.legs[keep], ahead
+        states.positions_m[keep], states.velocities_m_s[keep], states.times_s[keep], states.legs[keep], ahead
     )
 
 
@@ -292,25 +298,27 @@ def _unsafe(
 
 def _candidates(site: Site, states: FlightStates, bad: BoolArray, autopilot: AutopilotName) -> FloatArray:
     """(c, 3) ENU places to land on, below and beside the flight where its return is unsafe."""
-    begins = states.places_m[bad, :2]
+    begins = states.positions_m[bad, :2]
     angles = np.arange(_DIRECTIONS) * (math.tau / _DIRECTIONS)
     around = [np.zeros(2)]
     around += [radius * np.array([math.cos(a), math.sin(a)]) for radius in _RINGS_M[1:] for a in angles]
-    places = (begins[:, None, :] + np.array(around)[None]).reshape(-1, 2)
-    _, first = np.unique(np.round(places / _APART_M), axis=0, return_index=True)
-    places = places[np.sort(first)]
-    places = places[_may_land(site, places)]
-    places = (
-        places[np.unique(np.linspace(0, len(places) - 1, _MOST_CANDIDATES).astype(np.int64))] if len(places) else places
+    positions = (begins[:, None, :] + np.array(around)[None]).reshape(-1, 2)
+    _, first = np.unique(np.round(positions / _APART_M), axis=0, return_index=True)
+    positions = positions[np.sort(first)]
+    positions = positions[_may_land(site, positions)]
+    positions = (
+        positions[np.unique(np.linspace(0, len(positions) - 1, _MOST_CANDIDATES).astype(np.int64))]
+        if len(positions)
+        else positions
     )
-    found = [row for place in places for row in _with_heights(site, place, autopilot)]
+    found = [row for position in positions for row in _with_heights(site, position, autopilot)]
     return np.array(found, float).reshape(-1, 3)
 
 
-def _with_heights(site: Site, place: FloatArray, autopilot: AutopilotName) -> Iterator[tuple[float, float, float]]:
+def _with_heights(site: Site, position: FloatArray, autopilot: AutopilotName) -> Iterator[tuple[float, float, float]]:
     """A landing place as the autopilot's rally points: PX4 lands at their height, ArduPilot returns at it or higher."""
-    east, north = place
-    ground = float(site.ground.heights_m(place[None])[0])
+    east, north = position
+    ground = float(site.ground.heights_m(position[None])[0])
     if autopilot == "px4":
         yield (east, north, ground)
         return
@@ -322,17 +330,17 @@ def _with_heights(site: Site, place: FloatArray, autopilot: AutopilotName) -> It
             yield (east, north, home_up + above_home)
 
 
-def _may_land(site: Site, places: FloatArray) -> BoolArray:
+def _may_land(site: Site, positions: FloatArray) -> BoolArray:
     """(n,) level enough ground inside the fence, away from home, zones and obstacles."""
     ground = site.ground
-    good = np.isfinite(ground.heights_m(places))
+    good = np.isfinite(ground.heights_m(positions))
     for offset in ((0.0, 0.0), (_FOOT_M, 0.0), (-_FOOT_M, 0.0), (0.0, _FOOT_M), (0.0, -_FOOT_M)):
-        slope = np.hypot(*ground.gradients(places + np.array(offset)).T)
+        slope = np.hypot(*ground.gradients(positions + np.array(offset)).T)
         good &= np.isfinite(slope) & (slope <= _STEEPEST)
-    points = shapely.points(places)
+    points = shapely.points(positions)
     good &= shapely.covers(site.fence.buffer(-_FROM_FENCE_M), points)
     if site.home_m is not None:
-        good &= np.hypot(*(places - site.home_m[:2]).T) >= _FROM_HOME_M
+        good &= np.hypot(*(positions - site.home_m[:2]).T) >= _FROM_HOME_M
     for zone in site.zones:
         good &= ~shapely.intersects(zone.grown(zone.entry.margin_m), points)
     beside = site.scenario.obstacles.clearance_beside_m

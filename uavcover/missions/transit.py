@@ -21,7 +21,7 @@ from uavcover.kernels.profile import shortest_profile
 from uavcover.missions.leg_checks import LegProblem, climb_angles_deg, find_problems
 from uavcover.scenario.airspace.flyable import transit_area, transit_area_between_walls
 from uavcover.scenario.airspace.lattice import Lattice
-from uavcover.scenario.airspace.zones import Polygons, WayRound, Zone, ZoneCheck
+from uavcover.scenario.airspace.zones import PathAround, Polygons, Zone, ZoneCheck
 from uavcover.scenario.obstacles import leg_breaches
 from uavcover.scenario.site import Site, once
 from uavcover.terrain.frames import LocalFrame
@@ -37,7 +37,7 @@ _SPOTS = 900
 _COLUMN_POSITIONS = 6
 """Positions of the columns at the ends of such a path, from which it may leave."""
 
-_COLUMN_M = 0.1
+_VERTICAL_M = 0.1
 """Legs with less horizontal distance than this are vertical columns, exempt from the climb limit."""
 
 
@@ -81,21 +81,21 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
     Returns:
         (k, 3) ENU from the column's top to the point.
     """
-    if math.hypot(*(end_m[:2] - home_en_m)) < _COLUMN_M:
+    if math.hypot(*(end_m[:2] - home_en_m)) < _VERTICAL_M:
         limits = site.scenario.limits
         wanted_m = limits.transit_clearance_m + limits.height_margin_m
         home_ground = float(site.ground.heights_m(home_en_m)[0])
         top = home_ground + max(ground_end_height_m, wanted_m + _TRANSIT_SLACK_M)
         return np.vstack([[*home_en_m, max(end_m[2], top)], end_m])
     straight = _along(site, np.vstack([home_en_m, end_m[:2]]), end_m, ground_end_height_m)
-    is_convex = site.fence.convex_hull.area - site.fence.area <= _COLUMN_M
+    is_convex = site.fence.convex_hull.area - site.fence.area <= _VERTICAL_M
     if (is_convex and not site.zones) or _is_clear(site, straight, site.planned_zones):
         return _low_enough(site, straight, end_m)
     found = [straight]
-    for ways in _ways_round(site):
+    for paths in _paths_around(site):
         # A vehicle in flight may have come into the margin of a zone, or outside the fence: from there straight back.
-        inside = ways.inside(end_m[:2])
-        corners = ways.between(home_en_m, inside)
+        inside = paths.inside(end_m[:2])
+        corners = paths.between(home_en_m, inside)
         if corners is None:
             continue
         if not np.array_equal(inside, end_m[:2]):
@@ -107,49 +107,49 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
     return next((points for points in found if _is_clear(site, points, site.flown_zones)), straight)
 
 
-def _low_enough(site: Site, way_m: FloatArray, end_m: FloatArray) -> FloatArray:
+def _low_enough(site: Site, path_m: FloatArray, end_m: FloatArray) -> FloatArray:
     """The (k, 3) transit, or, if it is too high, the shortest path below the ceiling over a lattice, if there is one.
 
     On ground that is steeper than a leg may climb, such a path follows contours, or climbs in zigzags.
     """
-    if not is_too_high(site, way_m):
-        return way_m
-    found_m = _lattice(site).path(_column_m(site, way_m[0]), _column_m(site, end_m))
-    return way_m if found_m is None else np.vstack([found_m[:-1], end_m])
+    if not is_too_high(site, path_m):
+        return path_m
+    found_m = _lattice(site).path(_climb_out_m(site, path_m[0]), _climb_out_m(site, end_m))
+    return path_m if found_m is None else np.vstack([found_m[:-1], end_m])
 
 
-def _column_m(site: Site, place_m: FloatArray) -> FloatArray:
+def _climb_out_m(site: Site, position_m: FloatArray) -> FloatArray:
     """(k, 3) a position and those above it that transits may have, up to their ceiling; the lowest of these if it is none."""
-    low_m, high_m = _band_m(site, place_m[None, :2])
-    ups_m = np.linspace(np.clip(place_m[2], low_m, high_m), high_m, _COLUMN_POSITIONS)
-    return np.vstack([place_m, np.column_stack([np.repeat(place_m[None, :2], len(ups_m), axis=0), ups_m])])
+    low_m, high_m = _band_m(site, position_m[None, :2])
+    ups_m = np.linspace(np.clip(position_m[2], low_m, high_m), high_m, _COLUMN_POSITIONS)
+    return np.vstack([position_m, np.column_stack([np.repeat(position_m[None, :2], len(ups_m), axis=0), ups_m])])
 
 
-def _band_m(site: Site, places_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _band_m(site: Site, positions_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Lowest and highest planned up coordinates (n,) of a transit at (n, 2) positions."""
     limits = site.scenario.limits
-    low_m = site.ground.ups_m(places_m, limits.transit_clearance_m + limits.height_margin_m + _TRANSIT_SLACK_M)
-    return low_m, site.ground.ups_m(places_m, _planned_highest_agl_m(site) - _TRANSIT_SLACK_M)
+    low_m = site.ground.ups_m(positions_m, limits.transit_clearance_m + limits.height_margin_m + _TRANSIT_SLACK_M)
+    return low_m, site.ground.ups_m(positions_m, _planned_highest_agl_m(site) - _TRANSIT_SLACK_M)
 
 
 def is_too_high(site: Site, points_m: FloatArray) -> bool:
     """Whether a (k, 3) transit is over unknown ground or above its ceiling, except in the climb-out column at its end."""
     level_m = np.hypot(*np.diff(points_m[:, :2], axis=0).T)
-    legs = site.ground.leg_height_ranges_m(points_m)[level_m >= _COLUMN_M]
+    legs = site.ground.leg_height_ranges_m(points_m)[level_m >= _VERTICAL_M]
     return not bool((legs[:, 2] <= _planned_highest_agl_m(site)).all())
 
 
 def _is_clear(site: Site, points_m: FloatArray, zones: ZoneCheck) -> bool:
     """Whether a (k, 3) transit keeps out of the no-fly zones and inside the fence."""
     line = shapely.LineString(points_m[:, :2])
-    inside = line.length == 0.0 or shapely.length(line.difference(site.fence)) <= _COLUMN_M
+    inside = line.length == 0.0 or shapely.length(line.difference(site.fence)) <= _VERTICAL_M
     return bool(inside and not zones.leg_breaches(points_m))
 
 
 @once
-def _ways_round(site: Site) -> list[WayRound]:
+def _paths_around(site: Site) -> list[PathAround]:
     """Ways around everything that any height of a transit meets; then around what every height meets."""
-    return [WayRound(transit_area(site)), WayRound(transit_area_between_walls(site))]
+    return [PathAround(transit_area(site)), PathAround(transit_area_between_walls(site))]
 
 
 def _along(site: Site, corners_m: FloatArray, end_m: FloatArray, ground_end_height_m: float) -> FloatArray:
@@ -157,7 +157,7 @@ def _along(site: Site, corners_m: FloatArray, end_m: FloatArray, ground_end_heig
     points = _over_terrain(
         site, corners_m, (float(site.ground.heights_m(corners_m[0])[0]) + ground_end_height_m, float(end_m[2]))
     )
-    if abs(points[-1, 2] - end_m[2]) <= _COLUMN_M:
+    if abs(points[-1, 2] - end_m[2]) <= _VERTICAL_M:
         # Close enough: end at the point itself; the slope changes negligibly.
         points[-1] = end_m
         return points
@@ -219,29 +219,29 @@ def _lattice(site: Site) -> Lattice:
     return Lattice(area, around.bounds, partial(_band_m, site), allowed, spots=_SPOTS)
 
 
-def check_way_there(site: Site, way_m: FloatArray) -> None:
+def check_outbound(site: Site, path_m: FloatArray) -> None:
     """Refuse a (k, 3) transit to the first planned waypoint that exceeds a limit.
 
     Raises:
         InfeasibleError: it breaks one; the message names the leg.
     """
-    _check_planned_transit(site, "the outbound transit", way_m, far_end=len(way_m) - 1)
+    _check_planned_transit(site, "the outbound transit", path_m, far_end=len(path_m) - 1)
 
 
-def check_way_home(site: Site, way_m: FloatArray) -> None:
+def check_return(site: Site, path_m: FloatArray) -> None:
     """Refuse a (k, 3) transit home from the last planned waypoint that exceeds a limit.
 
     Raises:
         InfeasibleError: it breaks one; the message names the leg.
     """
-    _check_planned_transit(site, "the return transit", way_m, far_end=0)
+    _check_planned_transit(site, "the return transit", path_m, far_end=0)
 
 
-def _check_planned_transit(site: Site, what: str, way_m: FloatArray, *, far_end: int) -> None:
+def _check_planned_transit(site: Site, what: str, path_m: FloatArray, *, far_end: int) -> None:
     """Directly above or below a planned waypoint, the height band of the route applies."""
     lowest_agl_m = min(site.scenario.limits.transit_clearance_m, site.scenario.limits.min_height_agl_m)
     check_transit(
-        site, what, way_m, far_end=far_end, far_end_lowest_agl_m=lowest_agl_m,
+        site, what, path_m, far_end=far_end, far_end_lowest_agl_m=lowest_agl_m,
         highest_agl_m=_planned_highest_agl_m(site),
     )  # fmt: skip
 
@@ -265,9 +265,9 @@ def check_transit(
     leg = max(far_end, 1)
     ignored = {"below sea-level limit"}
     lowest_agl_m = site.scenario.limits.transit_clearance_m
-    if math.hypot(*(points_m[leg, :2] - points_m[leg - 1, :2])) < _COLUMN_M:
-        column = points_m[leg - 1 : leg + 1]
-        problems = find_problems(site, column, lowest_agl_m=far_end_lowest_agl_m, highest_agl_m=None, zones=zones)
+    if math.hypot(*(points_m[leg, :2] - points_m[leg - 1, :2])) < _VERTICAL_M:
+        climb_out = points_m[leg - 1 : leg + 1]
+        problems = find_problems(site, climb_out, lowest_agl_m=far_end_lowest_agl_m, highest_agl_m=None, zones=zones)
         refuse(what, [dataclasses.replace(p, leg=leg) for p in problems if p.kind not in {*ignored, "climb"}])
         points_m = np.delete(points_m, far_end, axis=0)
     limits = site.scenario.limits
@@ -278,7 +278,7 @@ def check_transit(
     refuse(what, problems)
 
 
-def check_column(site: Site, home_m: FloatArray, top_m: FloatArray) -> None:
+def check_climb_out(site: Site, home_m: FloatArray, top_m: FloatArray) -> None:
     """Refuse a take-off or landing column between (3,) home and its top that enters a no-fly zone.
 
     Raises:
@@ -288,7 +288,7 @@ def check_column(site: Site, home_m: FloatArray, top_m: FloatArray) -> None:
         zone = site.zones[breach.zone]
         raise InfeasibleError(
             f"the climb-out above home climbs {top_m[2] - home_m[2]:.0f} m, into no-fly zone {zone.name!r} "
-            f"({zone.heights_in_words()}) or its margin; move [home], or lower vehicle.takeoff_height_m"
+            f"({zone.heights_text()}) or its margin; move [home], or lower vehicle.takeoff_height_m"
         )
 
 
@@ -364,7 +364,7 @@ def _exclusions(site: Site) -> _Exclusions:
         solids.append(solid)
         if zone.circle is not None and site.frame is not None:
             east, north, radius = zone.circle
-            (center,) = _places(site.frame, np.array([[east, north]]))
+            (center,) = _positions(site.frame, np.array([[east, north]]))
             circles.append((FenceCircle(center, radius, inclusion=False),))
             polygons.append(())
         elif site.frame is not None:
@@ -389,8 +389,8 @@ def _with_few_corners(zone: Zone, solid: shapely.Geometry) -> shapely.Geometry:
 
 
 def _polygon(frame: LocalFrame, ring: shapely.LinearRing, *, inclusion: bool) -> FencePolygon:
-    return FencePolygon(tuple(_places(frame, np.asarray(ring.coords)[:-1, :2])), inclusion)
+    return FencePolygon(tuple(_positions(frame, np.asarray(ring.coords)[:-1, :2])), inclusion)
 
 
-def _places(frame: LocalFrame, corners_m: FloatArray) -> list[LatLon]:
+def _positions(frame: LocalFrame, corners_m: FloatArray) -> list[LatLon]:
     return [LatLon(float(lat), float(lon)) for lon, lat in frame.lon_lat_from_en(corners_m)]

@@ -23,7 +23,7 @@ from uavcover.model.vehicle import AutopilotMotion, AutopilotName, Vehicle
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Body:
     step_s: float
-    same_place_m: float
+    same_position_m: float
     tumbled_rad: float
     touch_m: float
     comes_up_s: float
@@ -46,8 +46,8 @@ class _Body:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Guidance:
-    braking_share: float
-    corner_share: float
+    braking_fraction: float
+    corner_fraction: float
     cross_track_gain_1_s: float
     approach_gain_1_s: float
     follow_gain_1_s: float
@@ -56,8 +56,8 @@ class _Guidance:
     stands_lag_m: float
     height_radius_m: float
     longer_ratio: float
-    late_share: float
-    kept_share: float
+    late_fraction: float
+    kept_fraction: float
     least_m: float
 
 
@@ -76,8 +76,8 @@ class _Flight:
     trail_timeout_s: float
     routine_points: int
     low_space: int
-    simplify_share: float
-    prune_share: float
+    simplify_fraction: float
+    prune_fraction: float
     disarm_after_landing_s: float
     check_every: int
     disarm_when_idle_s: float
@@ -90,7 +90,7 @@ class _Link:
     ahead_s: float
     ask_again_s: float
     unanswered_s: float
-    most_places: int
+    most_endpoints: int
     datagram_bytes: int
     peer_tick_s: float
     most_connections: int

@@ -56,8 +56,8 @@ class Positioning:
         self._error_m: Vector = (0.0, 0.0, 0.0)
         self._wander_m: Vector = (0.0, 0.0, 0.0)
         self._keep = math.exp(-point.step_s / error.time_s)
-        share = math.sqrt(1.0 - self._keep**2)
-        self._scales = (error.horizontal_m * share, error.horizontal_m * share, error.vertical_m * share)
+        fraction = math.sqrt(1.0 - self._keep**2)
+        self._scales = (error.horizontal_m * fraction, error.horizontal_m * fraction, error.vertical_m * fraction)
         self._exact = error.horizontal_m == 0.0 and error.vertical_m == 0.0
         if not self._exact:  # the receiver has been on for long: the error has its full spread from the start
             first = self._rng.standard_normal(3)
@@ -67,7 +67,7 @@ class Positioning:
         self._drift_m_s: Vector = (0.0, 0.0, 0.0)
         self._receiver_due = 0
         self._receiver_every = max(1, round(BODY.receiver_s / point.step_s))
-        self._told: deque[Vector] = deque(maxlen=round(error.latency_s / BODY.receiver_s) + 1)
+        self._reported: deque[Vector] = deque(maxlen=round(error.latency_s / BODY.receiver_s) + 1)
         self.position_m = self.receiver_m = _sum(point.position_m, self._wander_m)
 
     @property
@@ -114,8 +114,8 @@ class Positioning:
         if self._receiver_due <= 0:
             self._receiver_due = self._receiver_every
             if not self.lost:
-                self._told.append(_sum(true, self._wander_m))
-                self.receiver_m = self._told[0]
+                self._reported.append(_sum(true, self._wander_m))
+                self.receiver_m = self._reported[0]
 
     def _wander(self) -> None:
         if not self._noise:
@@ -210,7 +210,7 @@ class MockBody:
     def set_home_here(self) -> None:
         """Set home to the believed position."""
         here = self.believed.position_m
-        if math.dist(here, self.home_m) > BODY.same_place_m:
+        if math.dist(here, self.home_m) > BODY.same_position_m:
             self.home, self.home_m = self.geodetic_of(here), here
 
     def set_home(self, home: GeoPoint) -> None:
@@ -218,7 +218,7 @@ class MockBody:
         east, north, up = self.frame.enu_from_geodetic(home.lat_deg, home.lon_deg, home.alt_amsl_m)[0]
         self.home, self.home_m = home, (float(east), float(north), float(up))
 
-    def place(self, item: MissionItem, ground: Ground) -> Vector:
+    def position(self, item: MissionItem, ground: Ground) -> Vector:
         """The position of a mission item; a take-off goes straight up at any coordinates.
 
         Args:
@@ -341,7 +341,7 @@ class Trail:
     def _simplify(self) -> None:
         """Simplify the positions added since the last call (Ramer-Douglas-Peucker)."""
         first = max(0, self._simplified - 1)
-        self._points[first:] = _simplified(self._points[first:], FLIGHT.simplify_share * self._accuracy_m)
+        self._points[first:] = _simplified(self._points[first:], FLIGHT.simplify_fraction * self._accuracy_m)
         self._simplified = len(self._points)
 
     def _prune(self) -> None:
@@ -350,7 +350,7 @@ class Trail:
         for i in range(len(points) - 1, 3, -1):
             for j in range(1, i - 1):
                 found = _nearest(points[i], points[i - 1], points[j - 1], points[j])
-                if found is None or found[0] >= FLIGHT.prune_share * self._accuracy_m:
+                if found is None or found[0] >= FLIGHT.prune_fraction * self._accuracy_m:
                     continue
                 middle = found[1]
                 length = sum(math.dist(a, b) ** 2 for a, b in zip(points[j : i - 1], points[j + 1 : i], strict=True))
@@ -371,10 +371,10 @@ def _simplified(points: Sequence[Vector], epsilon_m: float) -> list[Vector]:
         a, b = stack.pop()
         if b - a < 2:
             continue
-        way, inner = line[b] - line[a], line[a + 1 : b] - line[a]
-        length = float(way @ way)
-        share = np.clip(inner @ way / length, 0.0, 1.0) if length > 0.0 else np.zeros(len(inner))
-        off = np.linalg.norm(inner - share[:, None] * way, axis=1)
+        chord, inner = line[b] - line[a], line[a + 1 : b] - line[a]
+        length = float(chord @ chord)
+        fraction = np.clip(inner @ chord / length, 0.0, 1.0) if length > 0.0 else np.zeros(len(inner))
+        off = np.linalg.norm(inner - fraction[:, None] * chord, axis=1)
         worst = a + 1 + int(off.argmax())
         if off.max() > epsilon_m:
             kept.add(worst)

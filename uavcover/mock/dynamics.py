@@ -72,14 +72,14 @@ class PointMass:
         self._yaw_rate_rad_s = 0.0
         self.heading_for: Callable[[Vector], float | None] = course_rad
         self._wind_estimate: Vector = (0.0, 0.0, 0.0)
-        self._asked: Vector = (0.0, 0.0, 0.0)
+        self._requested: Vector = (0.0, 0.0, 0.0)
         self._learning = 1.0 - math.exp(-step_s / airframe.wind_estimate_s)
         self._max_lean_m_s2 = GRAVITY_M_S2 * math.tan(math.radians(airframe.max_lean_deg))
 
     def rest(self, *, up_m: float) -> None:
         """Stand on the ground at height ``up_m``."""
         self.position_m = (self.position_m[0], self.position_m[1], up_m)
-        self.velocity_m_s = self.acceleration_m_s2 = self._asked = (0.0, 0.0, 0.0)
+        self.velocity_m_s = self.acceleration_m_s2 = self._requested = (0.0, 0.0, 0.0)
         self.roll_rad = self.pitch_rad = self._yaw_rate_rad_s = 0.0
 
     def step(self, wanted_m_s: Vector, wind_m_s: Vector) -> None:
@@ -132,10 +132,10 @@ class PointMass:
     def _slewed(self, ax: float, ay: float, az: float) -> Vector:
         """The acceleration to demand now: towards the wanted one within the jerk limit."""
         most = self.airframe.max_jerk_m_s3 * self.step_s
-        bx, by, bz = self._asked
+        bx, by, bz = self._requested
         dx, dy = _within(ax - bx, ay - by, most)
-        self._asked = (bx + dx, by + dy, bz + max(-most, min(az - bz, most)))
-        return self._asked
+        self._requested = (bx + dx, by + dy, bz + max(-most, min(az - bz, most)))
+        return self._requested
 
     def _turn(self, wanted_m_s: Vector) -> None:
         """Yaw towards ``heading_for`` while there is a course, and come to rest there."""
@@ -197,7 +197,7 @@ class WindField:
     def __init__(self, wind: WindModel, *, step_s: float, rng: np.random.Generator) -> None:
         self._steady = wind.steady_m_s
         self._coming: Vector | None = None
-        self._coming_share = 1.0 - math.exp(-step_s / BODY.comes_up_s)
+        self._coming_fraction = 1.0 - math.exp(-step_s / BODY.comes_up_s)
         self._rng = rng
         self._keep = math.exp(-step_s / wind.gust_time_s)
         scale = wind.gust_m_s * math.sqrt(1.0 - self._keep**2)
@@ -230,8 +230,8 @@ class WindField:
         return self.velocity_m_s
 
     def _come_up(self, coming: Vector) -> None:
-        share, (east, north, up) = self._coming_share, self._steady
-        east, north, up = (old + share * (new - old) for old, new in zip((east, north, up), coming, strict=True))
+        fraction, (east, north, up) = self._coming_fraction, self._steady
+        east, north, up = (old + fraction * (new - old) for old, new in zip((east, north, up), coming, strict=True))
         if math.dist((east, north, up), coming) < BODY.same_m_s:
             (east, north, up), self._coming = coming, None
         self._steady = self.velocity_m_s = (east, north, up)
@@ -262,7 +262,7 @@ class BatteryData:
         )
 
 
-def power_share(airspeed_m_s: float, climb_m_s: float, power: PowerModel) -> float:
+def power_fraction(airspeed_m_s: float, climb_m_s: float, power: PowerModel) -> float:
     """Power of level or climbing flight as a multiple of the hovering power.
 
     Induced power by Glauert's momentum theory of a rotor in forward flight (Leishman, Principles of Helicopter
@@ -320,7 +320,7 @@ class Battery:
 
     def fly(self, seconds: float, *, airspeed_m_s: float, climb_m_s: float) -> None:
         """Draw the power of flight."""
-        self._draw(seconds, power_share(airspeed_m_s, climb_m_s, self.data.power))
+        self._draw(seconds, power_fraction(airspeed_m_s, climb_m_s, self.data.power))
 
     def idle(self, seconds: float) -> None:
         """Draw the power of the electronics."""
@@ -330,6 +330,6 @@ class Battery:
         """Drop to this charge at once, as a battery with a bad cell; a lower charge stays."""
         self.remaining = min(self.remaining, remaining)
 
-    def _draw(self, seconds: float, share: float) -> None:
-        self.power_w = self.data.hover_w * share
-        self.remaining = max(0.0, self.remaining - share * seconds / self.data.endurance_s)
+    def _draw(self, seconds: float, fraction: float) -> None:
+        self.power_w = self.data.hover_w * fraction
+        self.remaining = max(0.0, self.remaining - fraction * seconds / self.data.endurance_s)

@@ -67,7 +67,7 @@ class FlightControl:
         state.stay_armed()
         state.speeds = state.settings.speeds
         self.mission.rewind()
-        state.say_as(Severity.INFO, "Arming motors", "Armed by external command")
+        state.send_status_text(Severity.INFO, "Arming motors", "Armed by external command")
         if state.mode is Mode.MISSION:  # PX4 takes off as soon as it is armed
             self._fly_mission()
         return CommandResult.ACCEPTED
@@ -140,7 +140,7 @@ class FlightControl:
     def set_current(self, seq: int) -> CommandResult:
         """Continue with another mission item."""
         if not self.mission.go_to(seq):
-            self.state.say_as(Severity.CRITICAL, None, f"There is no mission item {seq}")
+            self.state.send_status_text(Severity.CRITICAL, None, f"There is no mission item {seq}")
             return CommandResult.DENIED
         self._fly_on()
         tell(self.state, m.MissionCurrent)
@@ -248,7 +248,7 @@ class FlightControl:
         """Continue with another mission than before."""
         state = self.state
         if state.flying and state.mode is Mode.MISSION:
-            state.say_as(Severity.CRITICAL, "Auto mission changed, restarted command", None)
+            state.send_status_text(Severity.CRITICAL, "Auto mission changed, restarted command", None)
             self._fly_mission()
         elif not state.flying or not state.autopilot.home_in_item_0:
             self.mission.reset()

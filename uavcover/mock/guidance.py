@@ -56,10 +56,10 @@ def passing_speeds(start_m: Vector, stops: Sequence[Stop], airframe: Airframe) -
         corner = (
             math.inf
             if half_sine < 1e-6
-            else math.sqrt(GUIDANCE.corner_share * acceleration * stop.radius_m / half_sine)
+            else math.sqrt(GUIDANCE.corner_fraction * acceleration * stop.radius_m / half_sine)
         )
         room = max(0.0, length - stop.radius_m - stops[i + 1].radius_m)
-        result[i] = min(corner, math.sqrt(result[i + 1] ** 2 + 2.0 * GUIDANCE.braking_share * acceleration * room))
+        result[i] = min(corner, math.sqrt(result[i + 1] ** 2 + 2.0 * GUIDANCE.braking_fraction * acceleration * room))
     return result
 
 
@@ -123,7 +123,7 @@ def _speed_with_room(room_m: float, end_m_s: float, unit: Vector, airframe: Airf
         airframe.max_acceleration_m_s2 / max(level, 1e-9),
         airframe.max_vertical_acceleration_m_s2 / max(abs(unit[2]), 1e-9),
     )
-    braking = math.sqrt(end_m_s**2 + 2.0 * GUIDANCE.braking_share * acceleration * room_m)
+    braking = math.sqrt(end_m_s**2 + 2.0 * GUIDANCE.braking_fraction * acceleration * room_m)
     return min(braking, end_m_s + GUIDANCE.approach_gain_1_s * room_m)
 
 
@@ -160,9 +160,9 @@ class Legs:
         """The velocity to command, one step later: the led position's, ahead by its acceleration, and back to it."""
         lag = (self._behind_m - GUIDANCE.lag_m) / (GUIDANCE.stands_lag_m - GUIDANCE.lag_m)
         self._advance(BODY.step_s * max(0.0, min(1.0, 1.0 - lag)))
-        place, velocity, acceleration = self._state()
+        position, velocity, acceleration = self._state()
         speed = math.sqrt(sum(v * v for v in velocity))
-        off = tuple(a - b for a, b in zip(place, position_m, strict=True))
+        off = tuple(a - b for a, b in zip(position, position_m, strict=True))
         self._behind_m = sum(o * v for o, v in zip(off, velocity, strict=True)) / speed if speed > 0.1 else 0.0
         x, y, z = (
             v + a / GUIDANCE.velocity_gain_1_s + GUIDANCE.follow_gain_1_s * max(-5.0, min(5.0, o))
@@ -215,8 +215,8 @@ class _RestToRest:
                     else (middle, high)
                 )
             self._ramp = _ramp(low, most, motion.jerk_m_s3)
-        way_m, peak_m_s, _ = self._ramp[-1]
-        self._cruise_s = (self.length_m - 2.0 * way_m) / peak_m_s
+        distance_m, peak_m_s, _ = self._ramp[-1]
+        self._cruise_s = (self.length_m - 2.0 * distance_m) / peak_m_s
         quickest_s = 2.0 * self.ramp_s + self._cruise_s
         self.total_s = quickest_s + motion.smoothing_s
         self._slower = quickest_s / self.total_s
@@ -242,30 +242,30 @@ class _RestToRest:
         if time <= self.ramp_s:
             return self._on_ramp(time)
         if time <= self.ramp_s + self._cruise_s:
-            way_m, speed_m_s, _ = self._ramp[-1]
-            return way_m + speed_m_s * (time - self.ramp_s), speed_m_s, 0.0
-        way_m, speed_m_s, acceleration = self._on_ramp(max(0.0, 2.0 * self.ramp_s + self._cruise_s - time))
-        return self.length_m - way_m, speed_m_s, -acceleration
+            distance_m, speed_m_s, _ = self._ramp[-1]
+            return distance_m + speed_m_s * (time - self.ramp_s), speed_m_s, 0.0
+        distance_m, speed_m_s, acceleration = self._on_ramp(max(0.0, 2.0 * self.ramp_s + self._cruise_s - time))
+        return self.length_m - distance_m, speed_m_s, -acceleration
 
     def _on_ramp(self, time: float) -> tuple[float, float, float]:
         before = min(int(time / BODY.step_s), len(self._ramp) - 1)
-        way_m, speed_m_s, acceleration = self._ramp[before]
+        distance_m, speed_m_s, acceleration = self._ramp[before]
         rest = time - before * BODY.step_s
-        return way_m + speed_m_s * rest, speed_m_s + acceleration * rest, acceleration
+        return distance_m + speed_m_s * rest, speed_m_s + acceleration * rest, acceleration
 
 
 def _ramp(speed_m_s: float, acceleration_m_s2: float, jerk_m_s3: float) -> list[tuple[float, float, float]]:
     """(way, speed, acceleration) in steps from rest to a speed."""
     states = [(0.0, 0.0, 0.0)]
-    way = speed = acceleration = 0.0
+    distance = speed = acceleration = 0.0
     while speed < speed_m_s:
         fall = acceleration * acceleration / (2.0 * jerk_m_s3) >= speed_m_s - speed
         change = -jerk_m_s3 * BODY.step_s if fall else jerk_m_s3 * BODY.step_s
         acceleration = max(0.05 * acceleration_m_s2, min(acceleration_m_s2, acceleration + change))
         faster = min(speed_m_s, speed + acceleration * BODY.step_s)
-        way += 0.5 * (speed + faster) * BODY.step_s
+        distance += 0.5 * (speed + faster) * BODY.step_s
         speed = faster
-        states.append((way, speed, acceleration))
+        states.append((distance, speed, acceleration))
     return states
 
 
@@ -302,9 +302,9 @@ class BlendedLegs(Legs):
         if not this.slowing or this.rest_s > after.ramp_s or min(this.length_m, after.length_m) < GUIDANCE.least_m:
             return False
         half_s = 0.5 * this.rest_s
-        way, speed, acceleration = this.state(this.elapsed_s + half_s)
+        distance, speed, acceleration = this.state(this.elapsed_s + half_s)
         onward, speed_after, acceleration_after = after.state(half_s)
-        short = this.length_m - way
+        short = this.length_m - distance
         off = [b * onward - a * short for a, b in zip(this.unit, after.unit, strict=True)]
         moving = [a * speed + b * speed_after for a, b in zip(this.unit, after.unit, strict=True)]
         pull = [a * acceleration + b * acceleration_after for a, b in zip(this.unit, after.unit, strict=True)]
@@ -319,19 +319,19 @@ class BlendedLegs(Legs):
         this = self._this
         if this is None:
             return self._starts[-1], (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        place = list(this.start_m)
+        position = list(this.start_m)
         velocity, acceleration = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
         for one in (self._last, this, self._next if self._blending else None):
             if one is None:
                 continue
-            way, speed, change = one.state(one.elapsed_s)
-            way -= one.length_m if one is self._last else 0.0
+            distance, speed, change = one.state(one.elapsed_s)
+            distance -= one.length_m if one is self._last else 0.0
             for axis in range(3):
-                place[axis] += one.unit[axis] * way
+                position[axis] += one.unit[axis] * distance
                 velocity[axis] += one.unit[axis] * speed
                 acceleration[axis] += one.unit[axis] * change
         return (
-            (place[0], place[1], place[2]),
+            (position[0], position[1], position[2]),
             (velocity[0], velocity[1], velocity[2]),
             (acceleration[0], acceleration[1], acceleration[2]),
         )
@@ -347,40 +347,40 @@ class BrakedLegs(Legs):
 
     def __init__(self, motion: AutopilotMotion, start_m: Vector, legs: Sequence[Leg]) -> None:
         super().__init__(motion, legs)
-        self._place, self._velocity, self._acceleration = start_m, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        self._position, self._velocity, self._acceleration = start_m, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         self._leg_s, self._kept = 0.0, 0.0
 
     def _advance(self, seconds: float) -> None:
         self._leg_s += seconds
         while self.passed < len(self._legs) and self._reached(self._legs[self.passed].end_m):
             speed = math.hypot(self._velocity[0], self._velocity[1])
-            self._leg_s, self._kept = 0.0, self._kept_share(speed)
+            self._leg_s, self._kept = 0.0, self._kept_fraction(speed)
             self.passed += 1
         wanted = self._wanted() if self.passed < len(self._legs) else (0.0, 0.0, 0.0)
         missing = tuple(w - v for w, v in zip(wanted, self._velocity, strict=True))
         size = math.hypot(*missing)
         jerk = self._motion.jerk_m_s3
-        share = min(self._motion.acceleration_m_s2, math.sqrt(2.0 * jerk * size)) / max(size, 1e-9)
-        change = tuple(share * one - a for one, a in zip(missing, self._acceleration, strict=True))
+        fraction = min(self._motion.acceleration_m_s2, math.sqrt(2.0 * jerk * size)) / max(size, 1e-9)
+        change = tuple(fraction * one - a for one, a in zip(missing, self._acceleration, strict=True))
         most = jerk * seconds / max(math.hypot(*change), 1e-9)
         ax, ay, az = (a + min(1.0, most) * c for a, c in zip(self._acceleration, change, strict=True))
         vx, vy, vz = (v + a * seconds for v, a in zip(self._velocity, (ax, ay, az), strict=True))
-        x, y, z = (p + v * seconds for p, v in zip(self._place, (vx, vy, vz), strict=True))
-        self._acceleration, self._velocity, self._place = (ax, ay, az), (vx, vy, vz), (x, y, z)
+        x, y, z = (p + v * seconds for p, v in zip(self._position, (vx, vy, vz), strict=True))
+        self._acceleration, self._velocity, self._position = (ax, ay, az), (vx, vy, vz), (x, y, z)
 
     def _state(self) -> tuple[Vector, Vector, Vector]:
-        return self._place, self._velocity, self._acceleration
+        return self._position, self._velocity, self._acceleration
 
     def _reached(self, end_m: Vector) -> bool:
-        x, y, z = self._place
+        x, y, z = self._position
         beside_m = math.hypot(end_m[0] - x, end_m[1] - y)
         return beside_m <= self._motion.corner_radius_m and abs(end_m[2] - z) <= GUIDANCE.height_radius_m
 
-    def _kept_share(self, speed_m_s: float) -> float:
+    def _kept_fraction(self, speed_m_s: float) -> float:
         """Fraction of its speed along the next leg."""
         if self.passed + 1 >= len(self._legs) or speed_m_s < 0.1:
             return 0.0
-        unit, _ = direction_and_length(self._place, self._legs[self.passed + 1].end_m)
+        unit, _ = direction_and_length(self._position, self._legs[self.passed + 1].end_m)
         along = self._velocity[0] * unit[0] + self._velocity[1] * unit[1]
         _, length = direction_and_length(self._legs[self.passed].end_m, self._legs[self.passed + 1].end_m)
         most = min(self._legs[self.passed + 1].speeds.cruise_m_s, self._speed_to(length, 0.0))
@@ -389,7 +389,7 @@ class BrakedLegs(Legs):
 
     def _wanted(self) -> Vector:
         leg, motion = self._legs[self.passed], self._motion
-        unit, length = direction_and_length(self._place, leg.end_m)
+        unit, length = direction_and_length(self._position, leg.end_m)
         if length < GUIDANCE.least_m:
             return (0.0, 0.0, 0.0)
         level = math.hypot(unit[0], unit[1])
@@ -400,10 +400,10 @@ class BrakedLegs(Legs):
             speed = min(speed, self._speed_to(length, 0.0))
         # It follows its set speed late, the more the less of it was kept at the last waypoint.
         if level > 0.05 and motion.settling_s > 0.0:
-            late = GUIDANCE.late_share * math.exp(
-                -GUIDANCE.late_share * self._leg_s / (GUIDANCE.longer_ratio * motion.settling_s)
+            late = GUIDANCE.late_fraction * math.exp(
+                -GUIDANCE.late_fraction * self._leg_s / (GUIDANCE.longer_ratio * motion.settling_s)
             )
-            speed *= 1.0 - (1.0 - GUIDANCE.kept_share * self._kept) * late
+            speed *= 1.0 - (1.0 - GUIDANCE.kept_fraction * self._kept) * late
         return (speed * unit[0], speed * unit[1], speed * unit[2])
 
     def _passing_speed(self, unit: Vector, leg: Leg) -> float:
@@ -423,7 +423,7 @@ class BrakedLegs(Legs):
             speed = motion.vertical_change_m_s / change
         return speed
 
-    def _speed_to(self, way_m: float, end_m_s: float) -> float:
+    def _speed_to(self, distance_m: float, end_m_s: float) -> float:
         """The speed from which ``end_m_s`` is reached over a way, with the delay until the brakes hold."""
         a, delay = self._motion.acceleration_m_s2, 4.0 * self._motion.acceleration_m_s2**2 / self._motion.jerk_m_s3
-        return max(end_m_s, 0.5 * (math.sqrt(delay**2 + 4.0 * (2.0 * a * way_m + end_m_s**2)) - delay))
+        return max(end_m_s, 0.5 * (math.sqrt(delay**2 + 4.0 * (2.0 * a * distance_m + end_m_s**2)) - delay))

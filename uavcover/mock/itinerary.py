@@ -78,11 +78,11 @@ def mission_steps(
     items: Sequence[MissionItem],  # as they are on the wire
     first_seq: int,  # where to begin
     *,
-    place: Callable[[MissionItem], Vector],  # position of an item in the vehicle's frame, east, north, up in metres
+    position: Callable[[MissionItem], Vector],  # position of an item in the vehicle's frame, east, north, up in metres
     settings: Settings,  # the vehicle's
     speeds: Speeds,  # as they are now; the mission's speed changes apply from where they stand
     # the steps of a return that an item asks for, by its number, where the items before it end, and the speeds
-    way_home: Callable[[int, Vector | None, Speeds], list[Step]],
+    return_steps: Callable[[int, Vector | None, Speeds], list[Step]],
 ) -> list[Step]:
     """The steps of a mission from item ``first_seq`` on, starting with ``speeds``."""
     steps: list[Step] = []
@@ -90,25 +90,25 @@ def mission_steps(
         item = items[seq]
         match item.command:
             case Command.NAV_TAKEOFF:
-                steps.append(Step(seq, StepKind.CLIMB, speeds, place(item), 1.0))
+                steps.append(Step(seq, StepKind.CLIMB, speeds, position(item), 1.0))
             case Command.NAV_WAYPOINT | Command.NAV_LOITER_TIME:
                 own = item.params[1] if item.command == Command.NAV_WAYPOINT else 0.0
                 radius = own if math.isfinite(own) and own > 0.0 else settings.acceptance_radius_m
-                steps.append(Step(seq, StepKind.GO, speeds, place(item), radius))
+                steps.append(Step(seq, StepKind.GO, speeds, position(item), radius))
                 if item.params[0] > 0.0:
                     steps.append(Step(seq, StepKind.WAIT, speeds, wait_s=item.params[0]))
             case Command.NAV_LOITER_UNLIM:
-                steps.append(Step(seq, StepKind.GO, speeds, place(item), settings.acceptance_radius_m))
+                steps.append(Step(seq, StepKind.GO, speeds, position(item), settings.acceptance_radius_m))
                 steps.append(Step(seq, StepKind.WAIT, speeds, wait_s=math.inf))
             case Command.NAV_LOITER_TURNS:
-                steps.extend(_turns(seq, item, place(item), settings, speeds))
+                steps.extend(_turns(seq, item, position(item), settings, speeds))
             case Command.NAV_LAND:
                 somewhere = item.has_position and (item.lat_deg, item.lon_deg) != (0.0, 0.0)
-                steps.append(Step(seq, StepKind.LEVEL, speeds, place(item) if somewhere else None))
+                steps.append(Step(seq, StepKind.LEVEL, speeds, position(item) if somewhere else None))
                 steps.append(Step(seq, StepKind.DESCEND, speeds))
             case Command.NAV_RETURN_TO_LAUNCH:
                 points = [step.point_m for step in steps if step.point_m is not None]
-                steps.extend(way_home(seq, points[-1] if points else None, speeds))
+                steps.extend(return_steps(seq, points[-1] if points else None, speeds))
             case Command.NAV_DELAY:
                 steps.append(Step(seq, StepKind.WAIT, speeds, wait_s=max(0.0, item.params[0])))
             case Command.DO_CHANGE_SPEED:
@@ -220,8 +220,8 @@ class Itinerary:
         if motion is None:
             return descent_m_s if above_m > FLIGHT.slow_landing_below_m else self._land_m_s
         slow = min(self._land_m_s, descent_m_s)
-        share = max(0.0, min(1.0, (above_m - motion.land_slow_m) / motion.land_band_m))
-        return slow + share * (descent_m_s - slow)
+        fraction = max(0.0, min(1.0, (above_m - motion.land_slow_m) / motion.land_band_m))
+        return slow + fraction * (descent_m_s - slow)
 
     def _hold_speeds(self) -> Speeds:
         frame = self._airframe

@@ -81,7 +81,7 @@ class MissionFlight:
     def enter(self) -> None:
         """Continue it after another mode: PX4 first climbs on the spot to the next item's height (checkClimbRequired)."""
         state, here = self._state, self._state.body.believed.position_m
-        ahead = [place[2] for seq, place in mission_places(state).items() if seq >= state.current_seq]
+        ahead = [position[2] for seq, position in mission_positions(state).items() if seq >= state.current_seq]
         if state.is_ardupilot or not state.flying or not ahead or ahead[0] - here[2] <= FLIGHT.climb_from_m:
             self.start()
             return
@@ -98,10 +98,10 @@ class MissionFlight:
         steps = mission_steps(
             state.mission_items,
             state.current_seq,
-            place=state.place,
+            position=state.position,
             settings=state.settings,
             speeds=state.speeds,
-            way_home=lambda seq, begin, speeds: return_steps(state, speeds, seq=seq, begin=begin),
+            return_steps=lambda seq, begin, speeds: return_steps(state, speeds, seq=seq, begin=begin),
         )
         state.mission_state = MissionState.ACTIVE
         state.follow([*before, *steps])
@@ -257,9 +257,9 @@ def _brake(state: MockState, speeds: Speeds, seq: int | None) -> Step:
     return Step(seq, StepKind.WAIT, speeds, wait_s=math.hypot(vx, vy) / pull)
 
 
-def _over_terrain(state: MockState, speeds: Speeds, seq: int | None, way: tuple[Vector, Vector, Vector]) -> list[Step]:
-    here, rest, there = way
-    now_m, end_m = (place[2] - _ground_m(state, place[0], place[1]) for place in (here, there))
+def _over_terrain(state: MockState, speeds: Speeds, seq: int | None, path: tuple[Vector, Vector, Vector]) -> list[Step]:
+    here, rest, there = path
+    now_m, end_m = (position[2] - _ground_m(state, position[0], position[1]) for position in (here, there))
     length = math.dist(rest[:2], there[:2])
     wanted = _rtl_height(state, now_m, end_m, length)
     pieces = max(1, math.ceil(length / FLIGHT.terrain_step_m))
@@ -298,21 +298,21 @@ def _return_mode(state: MockState, speeds: Speeds, seq: int | None, begin: Vecto
 
 def _along_mission(state: MockState, speeds: Speeds, was: Mode, seq: int | None, begin: Vector | None) -> list[Step]:
     """PX4's RTL_TYPE 2 and 4: on to the mission's landing, or back to its first item and home."""
-    places, current = mission_places(state), state.current_seq if seq is None else seq
-    if not places:
+    positions, current = mission_positions(state), state.current_seq if seq is None else seq
+    if not positions:
         return []
     here = halting_point(state.body.believed) if begin is None else begin
     start = _land_start(state)
     onward = start is not None
     if state.parameters["RTL_TYPE"] == 4.0 and start is not None:
         onward = start - current < current  # RTL::reverseIsFurther
-    nearest = min(places, key=lambda number: math.dist(places[number], here))
+    nearest = min(positions, key=lambda number: math.dist(positions[number], here))
     if onward:
         return _onward(state, speeds, seq, current if was is Mode.MISSION else nearest)
-    first = max((number for number in places if number < max(current, 1)), default=min(places))
+    first = max((number for number in positions if number < max(current, 1)), default=min(positions))
     steps = [] if begin is not None else [_brake(state, speeds, seq)]
-    for number in sorted((n for n in places if n <= (first if was is Mode.MISSION else nearest)), reverse=True):
-        steps.append(Step(seq, StepKind.GO, speeds, places[number], state.settings.acceptance_radius_m))
+    for number in sorted((n for n in positions if n <= (first if was is Mode.MISSION else nearest)), reverse=True):
+        steps.append(Step(seq, StepKind.GO, speeds, positions[number], state.settings.acceptance_radius_m))
         if state.mission_items[number].command in _PX4_TAKEOFFS:
             break
     home = state.body.home_m
@@ -322,7 +322,7 @@ def _along_mission(state: MockState, speeds: Speeds, was: Mode, seq: int | None,
 def _onward(state: MockState, speeds: Speeds, seq: int | None, first: int | None) -> list[Step]:
     """The mission's items from one of them to its landing, without waits."""
     steps: list[Step] = []
-    for number, point in mission_places(state).items():
+    for number, point in mission_positions(state).items():
         if first is None or number < first:
             continue
         if state.mission_items[number].command in _LANDINGS:
@@ -331,10 +331,10 @@ def _onward(state: MockState, speeds: Speeds, seq: int | None, first: int | None
     return steps
 
 
-def mission_places(state: MockState) -> dict[int, Vector]:
+def mission_positions(state: MockState) -> dict[int, Vector]:
     """The mission's positions by item number."""
     return {
-        number: state.place(replace(item, command=Command.NAV_WAYPOINT))
+        number: state.position(replace(item, command=Command.NAV_WAYPOINT))
         for number, item in enumerate(state.mission_items)
         if item.command in _PATTERN and item.has_position
     }
@@ -364,7 +364,7 @@ def _rally_points(state: MockState) -> list[Vector]:
     frames = _RALLY_FRAMES["ardupilot" if state.is_ardupilot else "px4"]
     items = state.missions.items(MissionType.RALLY)
     return [
-        state.place(item)
+        state.position(item)
         for item in items
         if item.command == Command.NAV_RALLY_POINT
         and item.frame in frames
@@ -394,7 +394,7 @@ def _safe_point(state: MockState, here: Vector) -> tuple[Vector, bool]:
     least = math.inf if kind == 1.0 else math.dist(here[:2], home[:2])
     if kind in (1.0, 3.0) and _land_start(state) is not None:
         landing = next(
-            point for n, point in mission_places(state).items() if state.mission_items[n].command in _LANDINGS
+            point for n, point in mission_positions(state).items() if state.mission_items[n].command in _LANDINGS
         )
         if math.dist(here[:2], landing[:2]) + 2.0 < least:
             best, least, is_landing = landing, math.dist(here[:2], landing[:2]), True

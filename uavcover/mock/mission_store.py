@@ -28,10 +28,10 @@ from mission_io.protocol.terrain import (
     PART_SIDE,
     PARTS_EAST,
     Part,
-    Place,
+    Position,
     TerrainBlock,
     block_with_corner,
-    place_in_block,
+    position_in_block,
     wrapped_deg,
 )
 from mission_io.wire import messages as m
@@ -51,13 +51,13 @@ class TerrainFeed:
     def __init__(self, spacing_m: int = DEFAULT_SPACING_M) -> None:
         self.spacing_m = spacing_m
         self._blocks: dict[TerrainBlock, dict[int, Part]] = {}
-        self._asked_at_s = -math.inf
+        self._requested_at_s = -math.inf
         self._next = 0
 
-    def want(self, places: Iterable[Place]) -> None:
+    def want(self, positions: Iterable[Position]) -> None:
         """Request the blocks of these positions from now on."""
-        for lat_deg, lon_deg in places:
-            self._blocks.setdefault(place_in_block(lat_deg, lon_deg, self.spacing_m).block, {})
+        for lat_deg, lon_deg in positions:
+            self._blocks.setdefault(position_in_block(lat_deg, lon_deg, self.spacing_m).block, {})
 
     def want_for(self, home: GeoPoint, items: Iterable[MissionItem]) -> None:
         """Request the blocks of home, of every waypoint, and of four positions around it."""
@@ -73,9 +73,9 @@ class TerrainFeed:
     def request(self, now: float) -> TerrainRequest | None:
         """A request, at most each two seconds, while something is missing; block after block."""
         lacking = [block for block, parts in self._blocks.items() if len(parts) < PART_COUNT]
-        if not lacking or now < self._asked_at_s + LINK.terrain_ask_every_s:
+        if not lacking or now < self._requested_at_s + LINK.terrain_ask_every_s:
             return None
-        self._asked_at_s, self._next = now, self._next + 1
+        self._requested_at_s, self._next = now, self._next + 1
         block = lacking[self._next % len(lacking)]
         there = sum(1 << part for part in self._blocks[block])
         lat_e7, lon_e7 = block.corner_e7
@@ -96,13 +96,13 @@ class TerrainFeed:
 
     def height_amsl_m(self, lat_deg: float, lon_deg: float) -> float | None:
         """Height of the ground, bilinear between known heights; None where one is missing."""
-        place = place_in_block(lat_deg, lon_deg, self.spacing_m)
-        parts = self._blocks.get(place.block, {})
-        row, column = math.floor(place.row), math.floor(place.column)
-        north_share, east_share = place.row - row, place.column - column
+        position = position_in_block(lat_deg, lon_deg, self.spacing_m)
+        parts = self._blocks.get(position.block, {})
+        row, column = math.floor(position.row), math.floor(position.column)
+        north_fraction, east_fraction = position.row - row, position.column - column
         height = 0.0
-        for at_row, row_weight in ((row, 1.0 - north_share), (row + 1, north_share)):
-            for at_column, weight in ((column, 1.0 - east_share), (column + 1, east_share)):
+        for at_row, row_weight in ((row, 1.0 - north_fraction), (row + 1, north_fraction)):
+            for at_column, weight in ((column, 1.0 - east_fraction), (column + 1, east_fraction)):
                 part = parts.get(at_row // PART_SIDE * PARTS_EAST + at_column // PART_SIDE)
                 if part is None:
                     return None
@@ -304,13 +304,13 @@ class FenceWatch:
         below = has_floor and self._below_floor(where[2] - self._body.home_m[2])
         return self._breach_at(where) or ("Min Alt" if below else None)
 
-    def allows(self, place_m: Vector) -> bool:
+    def allows(self, position_m: Vector) -> bool:
         """Whether the limits in force hold at a position."""
         get = self._parameters
         has_floor = self._ardupilot and self.in_force and int(get["FENCE_TYPE"]) & _FLOOR
-        if has_floor and place_m[2] - self._body.home_m[2] < get["FENCE_ALT_MIN"]:
+        if has_floor and position_m[2] - self._body.home_m[2] < get["FENCE_ALT_MIN"]:
             return False
-        return self._breach_at(place_m) is None
+        return self._breach_at(position_m) is None
 
     def _breach_at(self, where: Vector) -> str | None:
         items = self._missions.items(MissionType.FENCE)

@@ -54,7 +54,7 @@ class Failsafes:
         """Forget everything, as after a reboot."""
         self._position_lost_at_s: float | None = None
         self._heard_at_s: float | None = None
-        self._charge_told = 1.0
+        self._charge_reported = 1.0
         self._done: set[str] = set()
 
     def hear_ground_station(self) -> None:
@@ -103,8 +103,8 @@ class Failsafes:
             (BODY.failsafe_low_charge, "low", Severity.WARNING),
             (BODY.failsafe_critical_charge, "critical", Severity.CRITICAL),
         ):
-            if battery.remaining <= level < self._charge_told:
-                self._charge_told = level
+            if battery.remaining <= level < self._charge_reported:
+                self._charge_reported = level
                 volts = f"Battery 1 is {word} {battery.voltage_v:.2f}V"
                 vehicle.say(severity, volts if vehicle.is_ardupilot else f"{word.capitalize()} battery level")
         if not vehicle.flying:
@@ -170,9 +170,9 @@ def answer_command(control: FlightControl, command: m.CommandLong | m.CommandInt
     if isinstance(command, m.CommandInt):
         if command.command == Command.DO_REPOSITION:
             return _reposition(control, command)
-        place = (command.x / DEGREES_SCALE, command.y / DEGREES_SCALE, command.z)
+        position = (command.x / DEGREES_SCALE, command.y / DEGREES_SCALE, command.z)
         command = m.CommandLong(
-            command.target_system, command.target_component, command.command, (*command.params, *place)
+            command.target_system, command.target_component, command.command, (*command.params, *position)
         )
     handler = _HANDLERS.get(command.command)
     return CommandResult.UNSUPPORTED if handler is None else handler(control, command.params)
@@ -245,10 +245,10 @@ def _message_interval(control: FlightControl, params: Params) -> CommandResult:
 
 def _request_message(control: FlightControl, params: Params) -> CommandResult:
     kind = KIND_BY_ID.get(int(params[0]))
-    return CommandResult.UNSUPPORTED if kind is None else _told(control, kind)
+    return CommandResult.UNSUPPORTED if kind is None else _reported(control, kind)
 
 
-def _told(control: FlightControl, kind: type[m.Message]) -> CommandResult:
+def _reported(control: FlightControl, kind: type[m.Message]) -> CommandResult:
     tell(control.state, kind)
     return CommandResult.ACCEPTED
 
@@ -301,7 +301,7 @@ def _reposition(control: FlightControl, command: m.CommandInt) -> CommandResult:
     item = MissionItem(Command.NAV_WAYPOINT, frame, lat_deg=lat_deg, lon_deg=lon_deg, alt_m=command.z)
     result = control.set_mode(Mode.GUIDED if vehicle.is_ardupilot else Mode.HOLD)
     if result is CommandResult.ACCEPTED:
-        vehicle.follow([Step(None, StepKind.GO, vehicle.settings.speeds, vehicle.place(item))])
+        vehicle.follow([Step(None, StepKind.GO, vehicle.settings.speeds, vehicle.position(item))])
     return result
 
 
@@ -322,8 +322,8 @@ _HANDLERS: dict[int, Callable[[FlightControl, Params], CommandResult]] = {
     Command.REQUEST_MESSAGE: _request_message,
     Command.DO_SET_HOME: _set_home,
     Command.DO_FENCE_ENABLE: _fence,
-    Command.GET_HOME_POSITION: lambda control, _: _told(control, m.HomePosition),
-    Command.REQUEST_AUTOPILOT_CAPABILITIES: lambda control, _: _told(control, m.AutopilotVersion),
+    Command.GET_HOME_POSITION: lambda control, _: _reported(control, m.HomePosition),
+    Command.REQUEST_AUTOPILOT_CAPABILITIES: lambda control, _: _reported(control, m.AutopilotVersion),
     Command.NAV_RETURN_TO_LAUNCH: lambda control, _: control.set_mode(Mode.RETURN),
     Command.NAV_LAND: lambda control, _: control.set_mode(Mode.LAND),
     Command.NAV_TAKEOFF: _take_off,

@@ -20,14 +20,14 @@ from mission_io.wire.messages import Address, Message
 from mission_io.wire.telemetry_messages import TimeSync
 from uavcover.errors import InputError, VehicleError
 from uavcover.mock.behaviour import LINK
-from uavcover.mock.telemetry import Pacing, PlaceT
+from uavcover.mock.telemetry import EndpointT, Pacing
 from uavcover.mock.vehicle import MockVehicle
 
 _log = logging.getLogger(__name__)
 
 
-class MockPeer(Generic[PlaceT]):
-    """A mock vehicle behind datagrams; a ``Place`` is the address of a ground station.
+class MockPeer(Generic[EndpointT]):
+    """A mock vehicle behind datagrams; an ``Endpoint`` is the address of a ground station.
 
     Answers go to their ground station, everything else to all known stations. Messages that are ready at the same time share a
     datagram, or a vehicle at a hundred times real time would swamp its listeners' buffers. While the vehicle is cut off, no
@@ -43,17 +43,17 @@ class MockPeer(Generic[PlaceT]):
     def __init__(self, vehicle: MockVehicle, *, speed: float = 1.0, origin_s: float = 0.0, paced: bool = False) -> None:
         self.vehicle = vehicle
         self.speed = speed
-        self._pacing: Pacing[PlaceT] | None = Pacing() if paced else None
+        self._pacing: Pacing[EndpointT] | None = Pacing() if paced else None
         self._codec = Codec(system_id=vehicle.address.system_id, component_id=vehicle.address.component_id)
         self._link_s, self._vehicle_s = origin_s, 0.0
-        self._places: dict[PlaceT, None] = {}
-        self._place_of: dict[Address, PlaceT] = {}
+        self._endpoints: dict[EndpointT, None] = {}
+        self._endpoint_of: dict[Address, EndpointT] = {}
 
-    def greet(self, place: PlaceT) -> None:
+    def greet(self, endpoint: EndpointT) -> None:
         """Treat an address as one that has sent something."""
-        self._places[place] = None
+        self._endpoints[endpoint] = None
 
-    def receive_from(self, place: PlaceT, data: bytes, now: float) -> None:
+    def receive_from(self, endpoint: EndpointT, data: bytes, now: float) -> None:
         """Take a datagram that arrived from an address at ``now`` on the link's clock."""
         vehicle_now = self._vehicle_time(now)
         self.vehicle.advance(vehicle_now)
@@ -61,32 +61,32 @@ class MockPeer(Generic[PlaceT]):
             return
         for received in self._codec.decode(data):
             if isinstance(received.message, TimeSync) and self._pacing is not None:
-                self._pacing.take(place, received.message)
-            self._places.pop(place, None)
-            self._places[place] = None
-            self._place_of[received.sender] = place
+                self._pacing.take(endpoint, received.message)
+            self._endpoints.pop(endpoint, None)
+            self._endpoints[endpoint] = None
+            self._endpoint_of[received.sender] = endpoint
             self.vehicle.receive(received, vehicle_now)
-        while len(self._places) > LINK.most_places:
-            oldest = next(iter(self._places))
-            del self._places[oldest]
+        while len(self._endpoints) > LINK.most_endpoints:
+            oldest = next(iter(self._endpoints))
+            del self._endpoints[oldest]
 
-    def datagrams(self, now: float) -> list[tuple[PlaceT, bytes]]:
+    def datagrams(self, now: float) -> list[tuple[EndpointT, bytes]]:
         """Datagrams to send by ``now``, with their destinations."""
         self.vehicle.advance(self._vehicle_time(now))
         cut_off = self.vehicle.cut_off
         if cut_off and self._pacing is not None:
             self._pacing.forget()
-        waiting: dict[PlaceT, list[bytes]] = {}
+        waiting: dict[EndpointT, list[bytes]] = {}
         messages = list(self.vehicle.outgoing())
         if self._pacing is not None and not cut_off:
             messages += self._pacing.questions(self._vehicle_s, now)
         for message in messages:
-            places = self._places_for(message)
-            if places:
+            endpoints = self._endpoints_for(message)
+            if endpoints:
                 data = self._codec.encode(message)
-                for place in places:
-                    waiting.setdefault(place, []).append(data)
-        return [(place, datagram) for place, parts in waiting.items() for datagram in _joined(parts)]
+                for endpoint in endpoints:
+                    waiting.setdefault(endpoint, []).append(data)
+        return [(endpoint, datagram) for endpoint, parts in waiting.items() for datagram in _joined(parts)]
 
     def hold_time(self, now: float) -> None:
         """Let the link's clock run to ``now`` while the vehicle's stands still."""
@@ -100,12 +100,12 @@ class MockPeer(Generic[PlaceT]):
         self._vehicle_s += elapsed * self.speed
         return self._vehicle_s
 
-    def _places_for(self, message: Message) -> Iterable[PlaceT]:
+    def _endpoints_for(self, message: Message) -> Iterable[EndpointT]:
         system = getattr(message, "target_system", 0)
         if system == 0:
-            return list(self._places)
-        place = self._place_of.get(Address(system, getattr(message, "target_component", 0)))
-        return list(self._places) if place is None else [place]
+            return list(self._endpoints)
+        endpoint = self._endpoint_of.get(Address(system, getattr(message, "target_component", 0)))
+        return list(self._endpoints) if endpoint is None else [endpoint]
 
 
 class InMemoryPeer(MockPeer[None]):
@@ -142,7 +142,7 @@ def _joined(parts: list[bytes]) -> list[bytes]:
     return [*result, current] if current else result
 
 
-Place = tuple[str, int]
+Endpoint = tuple[str, int]
 """Host and port of a ground station."""
 
 
@@ -173,15 +173,15 @@ class Port:
         """Wait for data, at most until the timeout."""
         select.select([self._socket], [], [], timeout_s)
 
-    def newcomers(self) -> list[Place]:
+    def newcomers(self) -> list[Endpoint]:
         """Addresses that connected since the last call; UDP has no connections."""
         return []
 
-    def take(self) -> Iterator[tuple[Place, bytes]]:
+    def take(self) -> Iterator[tuple[Endpoint, bytes]]:
         """Received frames, each with its address."""
         raise NotImplementedError
 
-    def send(self, place: Place, data: bytes) -> None:
+    def send(self, endpoint: Endpoint, data: bytes) -> None:
         """Send to an address; refused data is lost."""
         raise NotImplementedError
 
@@ -196,25 +196,25 @@ class UdpPort(Port):
     def __init__(self, host: str, port: int) -> None:
         super().__init__(socket.SOCK_DGRAM, host, port)
 
-    def take(self) -> Iterator[tuple[Place, bytes]]:
+    def take(self) -> Iterator[tuple[Endpoint, bytes]]:
         """The datagrams that are here."""
         while True:
             try:
-                data, place = self._socket.recvfrom(65535)
+                data, endpoint = self._socket.recvfrom(65535)
             except BlockingIOError:
                 return
             except ConnectionError:
                 continue  # a ground station that has gone
-            yield (place[0], place[1]), data
+            yield (endpoint[0], endpoint[1]), data
 
-    def send(self, place: Place, data: bytes) -> None:
+    def send(self, endpoint: Endpoint, data: bytes) -> None:
         """Send a datagram."""
         try:
-            self._socket.sendto(data, place)
+            self._socket.sendto(data, endpoint)
         except (BlockingIOError, ConnectionError):
             return  # lost, like any datagram
         except OSError as error:
-            _log.debug("cannot send to %s:%d: %s", *place, error)
+            _log.debug("cannot send to %s:%d: %s", *endpoint, error)
 
 
 class TcpPort(Port):
@@ -224,8 +224,8 @@ class TcpPort(Port):
         super().__init__(socket.SOCK_STREAM, host, port)
         self._socket.listen(LINK.most_connections)
         self._clock = MonotonicClock()
-        self._connections: dict[Place, FramedChannel] = {}
-        self._newcomers: list[Place] = []
+        self._connections: dict[Endpoint, FramedChannel] = {}
+        self._newcomers: list[Endpoint] = []
 
     def wait(self, timeout_s: float) -> None:
         """Wait for a connection or bytes, at most until the timeout."""
@@ -233,32 +233,32 @@ class TcpPort(Port):
             [self._socket.fileno(), *(c.channel.fileno() for c in self._connections.values())], [], [], timeout_s
         )
 
-    def newcomers(self) -> list[Place]:
+    def newcomers(self) -> list[Endpoint]:
         """Addresses that connected since the last call."""
         self._accept()
         newcomers, self._newcomers = self._newcomers, []
         return newcomers
 
-    def take(self) -> Iterator[tuple[Place, bytes]]:
+    def take(self) -> Iterator[tuple[Endpoint, bytes]]:
         """The received frames; closed connections are removed."""
-        for place, connection in list(self._connections.items()):
+        for endpoint, connection in list(self._connections.items()):
             try:
                 frames = connection.take() + connection.frames_when_quiet()
             except LinkError as error:
-                self._drop(place, error)
+                self._drop(endpoint, error)
                 continue
             for frame in frames:
-                yield place, frame
+                yield endpoint, frame
 
-    def send(self, place: Place, data: bytes) -> None:
+    def send(self, endpoint: Endpoint, data: bytes) -> None:
         """Send frames; without room for them at the other end they are lost."""
-        connection = self._connections.get(place)
+        connection = self._connections.get(endpoint)
         if connection is None:
             return
         try:
             connection.put(data)
         except LinkError as error:
-            self._drop(place, error)
+            self._drop(endpoint, error)
 
     def close(self) -> None:
         """Let go of the port and of every connection."""
@@ -273,13 +273,15 @@ class TcpPort(Port):
                 sock, address = self._socket.accept()
             except OSError:
                 return  # no connection waits
-            place = (address[0], address[1])
-            self._connections[place] = FramedChannel(TcpChannel(sock, f"TCP {place[0]}:{place[1]}"), self._clock)
-            self._newcomers.append(place)
+            endpoint = (address[0], address[1])
+            self._connections[endpoint] = FramedChannel(
+                TcpChannel(sock, f"TCP {endpoint[0]}:{endpoint[1]}"), self._clock
+            )
+            self._newcomers.append(endpoint)
 
-    def _drop(self, place: Place, why: LinkError) -> None:
+    def _drop(self, endpoint: Endpoint, why: LinkError) -> None:
         _log.debug("%s", why)
-        self._connections.pop(place).channel.close()
+        self._connections.pop(endpoint).channel.close()
 
 
 class MockServer(Closing):
@@ -299,7 +301,7 @@ class MockServer(Closing):
         speed: float = 1.0,  # vehicle seconds per second
         loss: float = 0.0,  # fraction of the datagrams that are lost, each way
         rng: Random | None = None,  # decides which datagrams
-        greet: Place | None = None,  # an address that receives messages before it has sent any, or none
+        greet: Endpoint | None = None,  # an address that receives messages before it has sent any, or none
     ) -> None:
         if not speed > 0.0:
             raise InputError(f"speed: must be greater than 0, not {speed}")
@@ -308,7 +310,7 @@ class MockServer(Closing):
         self._port = kind(host, port)
         self._loss, self._rng = loss, rng if rng is not None else Random(0)
         self._now = time.monotonic()
-        self._peer: MockPeer[Place] = MockPeer(vehicle, speed=speed, origin_s=self._now, paced=speed > 1.0)
+        self._peer: MockPeer[Endpoint] = MockPeer(vehicle, speed=speed, origin_s=self._now, paced=speed > 1.0)
         if greet is not None:
             self._peer.greet(greet)
         self._said_slow = False
@@ -329,14 +331,14 @@ class MockServer(Closing):
                     self._said_slow = True
                     _log.info("this machine is too slow for the requested speed, so the vehicle's time runs slower")
             self._now = now
-            for place in self._port.newcomers():
-                self._peer.greet(place)
-            for place, data in self._port.take():
+            for endpoint in self._port.newcomers():
+                self._peer.greet(endpoint)
+            for endpoint, data in self._port.take():
                 if not self._lost():
-                    self._peer.receive_from(place, data, now)
-            for place, datagram in self._peer.datagrams(now):
+                    self._peer.receive_from(endpoint, data, now)
+            for endpoint, datagram in self._peer.datagrams(now):
                 if not self._lost():
-                    self._port.send(place, datagram)
+                    self._port.send(endpoint, datagram)
 
     def close(self) -> None:
         """Let go of the port."""
@@ -365,8 +367,8 @@ def run(
         VehicleError: the port cannot be bound.
         mission_io.errors.MisuseError: a URL that is not understood.
     """
-    place = parse_link_url(url)
-    if place.scheme not in ("udpin", "udpout", "tcpin"):
+    endpoint = parse_link_url(url)
+    if endpoint.scheme not in ("udpin", "udpout", "tcpin"):
         raise InputError(
             f"{url!r}: the mock vehicle cannot listen at this URL; use udpin://HOST:PORT or tcpin://HOST:PORT"
         )
@@ -376,16 +378,16 @@ def run(
         del number, frame
         stop.set()
 
-    inward = place.scheme != "udpout"
+    inward = endpoint.scheme != "udpout"
     server = MockServer(
         vehicle,
-        host=place.host if inward else "0.0.0.0" if place.host not in ("127.0.0.1", "localhost") else "127.0.0.1",
-        port=place.port if inward else 0,
-        kind=TcpPort if place.scheme == "tcpin" else UdpPort,
+        host=endpoint.host if inward else "0.0.0.0" if endpoint.host not in ("127.0.0.1", "localhost") else "127.0.0.1",
+        port=endpoint.port if inward else 0,
+        kind=TcpPort if endpoint.scheme == "tcpin" else UdpPort,
         speed=speed,
         loss=loss,
         rng=Random(seed),
-        greet=None if inward else (place.host, place.port),
+        greet=None if inward else (endpoint.host, endpoint.port),
     )
     before = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGINT)}
     try:

@@ -27,7 +27,7 @@ from uavcover.model.vehicle import MOTIONS
 # The camera of the mock vehicle: triggered by distance or by commands; it reports every photo.
 #
 # As ArduPilot and PX4 do it, the next photo by distance is due where the straight line over ground from the last one reaches the
-# distance: the rule of :func:`uavcover.kernels.coverage.picture_places`, one step of flight after the other.
+# distance: the rule of :func:`uavcover.kernels.coverage.photo_positions`, one step of flight after the other.
 
 
 class MockCamera:
@@ -82,9 +82,9 @@ class MockCamera:
         self.taken += 1
         return [self._report(now, self._last_m)] if self.reports else []
 
-    def _report(self, now: float, place_m: Vector) -> m.Message:
+    def _report(self, now: float, position_m: Vector) -> m.Message:
         body, point = self._body, self._body.point
-        here = body.geodetic_of(place_m)
+        here = body.geodetic_of(position_m)
         above_home_m = here.alt_amsl_m - body.home.alt_amsl_m
         roll, pitch, yaw = point.roll_rad, point.pitch_rad, point.yaw_rad
         if self._ardupilot:
@@ -333,7 +333,7 @@ class MockState:
         for chunk, begin in enumerate(range(0, len(text) + 1, m.TEXT_LETTERS)):
             self.send(m.StatusText(severity, text[begin : begin + m.TEXT_LETTERS], self._texts_in_pieces, chunk))
 
-    def say_as(self, severity: int, ardupilot: str | None, px4: str | None) -> None:
+    def send_status_text(self, severity: int, ardupilot: str | None, px4: str | None) -> None:
         """Send the text of the autopilot that it imitates; nothing where that has none."""
         text = ardupilot if self.is_ardupilot else px4
         if text is not None:
@@ -352,10 +352,10 @@ class MockState:
         """Restart the time after which it disarms itself on the ground."""
         self.disarm_at_s = self.time_s + FLIGHT.disarm_when_idle_s * self.speed
 
-    def place(self, item: MissionItem) -> Vector:
+    def position(self, item: MissionItem) -> Vector:
         """Position of a mission item in the vehicle's frame, with the ground as the vehicle knows it."""
         ground = self.body.ground_alt_amsl_m
-        return self.body.place(item, ground if self.terrain is None else self.terrain.known_or(ground))
+        return self.body.position(item, ground if self.terrain is None else self.terrain.known_or(ground))
 
 
 class Streams:

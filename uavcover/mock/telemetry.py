@@ -231,10 +231,10 @@ KIND_BY_ID: dict[int, type[m.Message]] = {message_id(kind): kind for kind in _BU
 """The kinds of message that can be requested."""
 
 
-PlaceT = TypeVar("PlaceT")
+EndpointT = TypeVar("EndpointT")
 
 
-class Pacing(Generic[PlaceT]):
+class Pacing(Generic[EndpointT]):
     """Sends TIMESYNC requests after all other messages: the answer shows how far a ground station has read.
 
     A real vehicle sends no more than a ground station can process; at a hundred times real time a busy machine would lose
@@ -242,25 +242,25 @@ class Pacing(Generic[PlaceT]):
     """
 
     def __init__(self) -> None:
-        self._asked_s = 0.0
-        self._asked_at = 0.0
-        self._read_s: dict[PlaceT, float] = {}
+        self._requested_s = 0.0
+        self._requested_at = 0.0
+        self._read_s: dict[EndpointT, float] = {}
         self._waits_since: float | None = None
 
     def questions(self, vehicle_s: float, now: float) -> list[TimeSync]:
         """The request to send at a vehicle time, and at ``now`` on the link's clock; empty when none is due."""
-        due = vehicle_s - self._asked_s >= LINK.ask_every_s
-        again = self._waits_since is not None and now - self._asked_at >= LINK.ask_again_s
+        due = vehicle_s - self._requested_s >= LINK.ask_every_s
+        again = self._waits_since is not None and now - self._requested_at >= LINK.ask_again_s
         if not (due or again):
             return []
-        self._asked_s, self._asked_at = vehicle_s, now
-        return [TimeSync(answered_ns=0, asked_ns=round(vehicle_s * 1e9))]
+        self._requested_s, self._requested_at = vehicle_s, now
+        return [TimeSync(answered_ns=0, requested_ns=round(vehicle_s * 1e9))]
 
-    def take(self, place: PlaceT, answer: TimeSync) -> None:
+    def take(self, endpoint: EndpointT, answer: TimeSync) -> None:
         """Take a ground station's answer to a request of this vehicle; its own requests are ignored."""
-        if answer.answered_ns == 0 or not 0 < answer.asked_ns <= round(self._asked_s * 1e9):
+        if answer.answered_ns == 0 or not 0 < answer.requested_ns <= round(self._requested_s * 1e9):
             return
-        self._read_s[place] = max(self._read_s.get(place, 0.0), answer.asked_ns / 1e9)
+        self._read_s[endpoint] = max(self._read_s.get(endpoint, 0.0), answer.requested_ns / 1e9)
 
     def forget(self) -> None:
         """Treat all ground stations as unreachable until they answer again."""
@@ -269,7 +269,7 @@ class Pacing(Generic[PlaceT]):
 
     def waits(self, vehicle_s: float, now: float) -> bool:
         """Whether vehicle time must stand still because a ground station lags behind."""
-        behind = [place for place, read_s in self._read_s.items() if vehicle_s - read_s > LINK.ahead_s]
+        behind = [endpoint for endpoint, read_s in self._read_s.items() if vehicle_s - read_s > LINK.ahead_s]
         if not behind:
             self._waits_since = None
             return False
@@ -277,7 +277,7 @@ class Pacing(Generic[PlaceT]):
             self._waits_since = now
         if now - self._waits_since <= LINK.unanswered_s:
             return True
-        for place in behind:
-            del self._read_s[place]
+        for endpoint in behind:
+            del self._read_s[endpoint]
         self._waits_since = None
         return False

@@ -29,13 +29,13 @@ def _begin_fault(control: FlightControl, fault: Fault) -> None:
     match fault.kind:
         case FaultKind.GPS_LOSS:
             state.body.believed.lose_fix()
-            state.say_as(Severity.CRITICAL, "GPS 1: lost fix", "GNSS data fusion stopped")
+            state.send_status_text(Severity.CRITICAL, "GPS 1: lost fix", "GNSS data fusion stopped")
         case FaultKind.BATTERY_FAILSAFE:
             battery = state.body.battery
             battery.drop_to(BODY.fault_charge)
             used_mah = (1.0 - battery.remaining) * battery.capacity_mah
             words = f"Battery 1 is critical {battery.voltage_v:.2f}V used {used_mah:.0f} mAh"
-            state.say_as(Severity.CRITICAL, words, None)
+            state.send_status_text(Severity.CRITICAL, words, None)
             control.fail_safe("Battery", fault.mode or Mode.RETURN)
         case FaultKind.PILOT_MODE:
             control.set_mode(fault.mode or Mode.HOLD)
@@ -45,7 +45,7 @@ def _begin_fault(control: FlightControl, fault: Fault) -> None:
             state.body.itinerary.stuck = True
         case FaultKind.STRONG_WIND:
             state.body.air.change(WindModel(speed_m_s=fault.number, from_deg=BODY.upwind_deg))
-            state.say_as(Severity.WARNING, None, f"High wind speed detected ({fault.number:.1f} m/s)")
+            state.send_status_text(Severity.WARNING, None, f"High wind speed detected ({fault.number:.1f} m/s)")
         case FaultKind.MISSION_CHANGED:
             _change_mission(control)
         case FaultKind.MISSION_LOWERED:
@@ -54,10 +54,10 @@ def _begin_fault(control: FlightControl, fault: Fault) -> None:
             control.disarm(force=True)
         case FaultKind.MOTOR_FAILURE:  # the autopilot notices only that its commands have no effect
             state.body.motors_failed = state.flying
-            state.say_as(Severity.EMERGENCY, "Potential Thrust Loss (1)", None)
+            state.send_status_text(Severity.EMERGENCY, "Potential Thrust Loss (1)", None)
         case FaultKind.GPS_GLITCH:
             state.body.believed.glitch_m = fault.number
-            state.say_as(Severity.CRITICAL, "GPS Glitch or Compass error", None)
+            state.send_status_text(Severity.CRITICAL, "GPS Glitch or Compass error", None)
         case FaultKind.SPEED_CHANGED:  # by another station, with DO_CHANGE_SPEED
             control.set_speeds(replace(state.speeds, cruise_m_s=fault.number))
         case FaultKind.ITEM_SET_BACK:  # another station sets the first waypoint again
@@ -76,21 +76,21 @@ def _end_fault(state: MockState, fault: Fault) -> None:
     match fault.kind:
         case FaultKind.GPS_LOSS:
             state.body.believed.lost = False
-            state.say_as(Severity.INFO, "GPS 1: fix is back", "GNSS data fusion started")
+            state.send_status_text(Severity.INFO, "GPS 1: fix is back", "GNSS data fusion started")
         case FaultKind.STUCK:
             state.body.itinerary.come_loose()
         case FaultKind.GPS_GLITCH:
             state.body.believed.glitch_m = 0.0
-            state.say_as(Severity.CRITICAL, "Glitch cleared", None)
+            state.send_status_text(Severity.CRITICAL, "Glitch cleared", None)
 
 
 def _change_mission(control: FlightControl) -> None:
     """Another ground station uploads the mission without the waypoint after the next, or without the last one."""
     state = control.state
     items, home = state.mission_items, int(state.autopilot.home_in_item_0)
-    places = [n for n, item in enumerate(items) if item.command == Command.NAV_WAYPOINT and n >= home]
-    if places:
-        gone = next((n for n in places if n > state.current_seq + 1), places[-1])
+    positions = [n for n, item in enumerate(items) if item.command == Command.NAV_WAYPOINT and n >= home]
+    if positions:
+        gone = next((n for n in positions if n > state.current_seq + 1), positions[-1])
         _upload(control, (*items[:gone], *items[gone + 1 :]))
 
 
@@ -106,7 +106,7 @@ def _lower_mission(control: FlightControl, by_m: float) -> None:
 
 def _upload(control: FlightControl, items: tuple[MissionItem, ...]) -> None:
     control.state.missions.replace(MissionType.MISSION, items)
-    control.state.say_as(Severity.INFO, "Flight plan received", None)
+    control.state.send_status_text(Severity.INFO, "Flight plan received", None)
     control.mission_changed()
 
 

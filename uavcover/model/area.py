@@ -47,11 +47,11 @@ def svg_map(shapes: Sequence[tuple[str, FloatArray]], caption: str) -> str:
     height_px = (north - south) * scale + 2 * _MARGIN_PX + 20.0
     parts = []
     for kind, points in drawn:
-        places = " ".join(
+        positions = " ".join(
             f"{_MARGIN_PX + (east - west) * scale:.1f},{_MARGIN_PX + (north - n) * scale:.1f}" for east, n in points
         )
         shape = "polygon" if kind in ("area", "gap") else "polyline"
-        parts.append(f'<{shape} points="{places}" {_STYLES[kind]}/>')
+        parts.append(f'<{shape} points="{positions}" {_STYLES[kind]}/>')
     bar_m = float(10.0 ** np.floor(np.log10(extent_m / 2.0)))
     foot_px = height_px - 8.0
     parts.append(

@@ -64,7 +64,7 @@ def _moment(unix_s: float) -> datetime:
     return datetime.fromtimestamp(unix_s, UTC)
 
 
-def window_in_words(window: Window) -> str:
+def window_text(window: Window) -> str:
     """Both ends, to the minute; the last one with its day only if that differs."""
     begin, end = window
     last = f"{end:%H:%M}" if begin.date() == end.date() else f"{end:%Y-%m-%d %H:%M}"

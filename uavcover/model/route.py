@@ -166,7 +166,7 @@ class Bound:
 
     # fewest waypoints for a coverage; largest coverage by a number of waypoints; shortest path for a coverage
     question: Question
-    asked: float  # the coverage as a fraction of the coverable area, 0..1, or the number of waypoints
+    required: float  # the coverage as a fraction of the coverable area, 0..1, or the number of waypoints
     limit: float  # the proved lower bound; for "most_coverage" an upper bound
     found: float | None  # the best of the plan's routes; None if no route meets the requirement
     proved_on: str  # the positions considered: a route through others may beat a bound that was proved on a lattice

@@ -330,7 +330,7 @@ class Scenario:
             "frame camera's side_overlap",
         )
         require(
-            self.requirements.min_overlap_fraction is None or sensor.asks_overlap,
+            self.requirements.min_overlap_fraction is None or sensor.requires_overlap,
             "requirements.min_overlap_fraction: this key requires a frame camera's forward_overlap and side_overlap; "
             "add them, or remove this key",
         )

@@ -10,7 +10,7 @@ from mission_io.data_tables import STRICT, require, require_positive
 from uavcover.errors import ScenarioError
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.sight import CONE, DISC, FRUSTUM, MIDPOINT, NO_LINE_OF_SIGHT, RAY, SPHERE, Sight
-from uavcover.model.sensor_base import FlatPicture, LineOfSight, Mount, Rays, Sensing, SensorBase, in_kernels
+from uavcover.model.sensor_base import FlatPhoto, LineOfSight, Mount, Rays, Sensing, SensorBase, in_kernels
 
 _LINE_OF_SIGHT = {"ray": RAY, "midpoint": MIDPOINT}
 
@@ -225,8 +225,8 @@ class FrameCamera(SensorBase):
         self._require_overlaps()
 
     def _require_overlaps(self) -> None:
-        for key, share in (("forward_overlap", self.forward_overlap), ("side_overlap", self.side_overlap)):
-            require(share is None or 0.0 <= share < 1.0, f"{key}: must be at least 0 and below 1, not {share}")
+        for key, fraction in (("forward_overlap", self.forward_overlap), ("side_overlap", self.side_overlap)):
+            require(fraction is None or 0.0 <= fraction < 1.0, f"{key}: must be at least 0 and below 1, not {fraction}")
         require_positive(self, "trigger_distance_m")
         require(
             self.forward_overlap is None or self.trigger_distance_m is None,
@@ -278,7 +278,7 @@ class FrameCamera(SensorBase):
         across, along = _tan_half(self.fov_across_deg), _tan_half(self.fov_along_deg)
         return np.array([[across, along], [-across, along], [-across, -along], [across, -along], [across, along]])
 
-    def flat_picture(self, height_agl_m: float) -> FlatPicture | None:
+    def flat_photo(self, height_agl_m: float) -> FlatPhoto | None:
         """See :class:`SensorBase`."""
         sight = self.sight
         off_nadir, half = math.radians(90.0 + self.pitch_deg), math.radians(0.5 * self.fov_along_deg)
@@ -302,14 +302,14 @@ class FrameCamera(SensorBase):
         ahead = np.linspace(near, far, 41)
         depth = -sight.sin_pitch * height_agl_m + ahead * sight.cos_pitch
         width = np.minimum(sight.tan_half_fov * depth, np.sqrt(np.maximum(farthest**2 - ahead**2, 0.0)))
-        return FlatPicture(near, far, float(width.max()))
+        return FlatPhoto(near, far, float(width.max()))
 
     def half_width_m(self, height_agl_m: float) -> float:
         """See :class:`SensorBase`. A photo with a fixed heading is crossed in any direction: half of its shorter side counts."""
-        picture = self.flat_picture(height_agl_m)
-        if picture is None:
+        photo = self.flat_photo(height_agl_m)
+        if photo is None:
             return 0.0
-        return picture.half_width_m if self.heading_deg is None else min(picture.half_width_m, 0.5 * picture.length_m)
+        return photo.half_width_m if self.heading_deg is None else min(photo.half_width_m, 0.5 * photo.length_m)
 
     def strip_half_width_m(self, height_agl_m: float, heading_deg: float) -> float:
         """See :class:`SensorBase`. Photos with a fixed heading overlap in a strip whose width depends on the lines' heading.
@@ -318,14 +318,14 @@ class FrameCamera(SensorBase):
         they get shorter; where they are as long as the distance between two photos the strip ends. If all are shorter, it ends
         at ``level_m``.
         """
-        picture = self.flat_picture(height_agl_m)
-        if picture is None or self.heading_deg is None:
+        photo = self.flat_photo(height_agl_m)
+        if photo is None or self.heading_deg is None:
             return self.half_width_m(height_agl_m)
         turn = math.radians(heading_deg - self.heading_deg)
         across, along = abs(math.cos(turn)), abs(math.sin(turn))
-        half_m = picture.half_width_m * across, 0.5 * picture.length_m * along
+        half_m = photo.half_width_m * across, 0.5 * photo.length_m * along
         corner_m, level_m = sum(half_m), abs(half_m[0] - half_m[1])
-        longest_m = min(picture.length_m / max(across, 1e-9), 2.0 * picture.half_width_m / max(along, 1e-9))
+        longest_m = min(photo.length_m / max(across, 1e-9), 2.0 * photo.half_width_m / max(along, 1e-9))
         spacing_m = self.photo_spacing_m(height_agl_m) or 0.0
         return corner_m - min(1.0, spacing_m / longest_m) * (corner_m - level_m)
 
@@ -337,13 +337,13 @@ class FrameCamera(SensorBase):
         """
         if self.forward_overlap is None:
             return self.trigger_distance_m
-        picture = self.flat_picture(lowest_agl_m)
-        if picture is None:
+        photo = self.flat_photo(lowest_agl_m)
+        if photo is None:
             raise ScenarioError(
                 f"sensor.forward_overlap: at limits.min_height_agl_m = {lowest_agl_m:g} m, a photo shows no level "
                 "ground within the sensor's limits; change pitch_deg, range_m or max_ground_sample_m"
             )
-        return (1.0 - self.forward_overlap) * picture.length_m
+        return (1.0 - self.forward_overlap) * photo.length_m
 
     @in_kernels
     def in_view(self, rays: Rays) -> BoolArray:

@@ -17,7 +17,7 @@ Mount = Literal["fixed", "stabilised"]
 
 
 @dataclass(frozen=True, slots=True)
-class FlatPicture:
+class FlatPhoto:
     """Flat ground in view of a frame camera on a level vehicle: ``near_m`` to ``far_m`` ahead, negative is behind."""
 
     near_m: float  # near end of the photo's middle line, ahead of the vehicle
@@ -144,7 +144,7 @@ class SensorBase(ABC):
         return math.nan
 
     @property
-    def asks_overlap(self) -> bool:
+    def requires_overlap(self) -> bool:
         """Whether it requires photos to overlap."""
         return bool(self.forward_overlap or self.side_overlap)
 
@@ -158,7 +158,7 @@ class SensorBase(ABC):
         """(k, 2) tangents to the right and to the top of its axis, around the edge of its view; (0, 2) without an axis."""
         return np.empty((0, 2))
 
-    def flat_picture(self, height_agl_m: float) -> FlatPicture | None:  # noqa: ARG002
+    def flat_photo(self, height_agl_m: float) -> FlatPhoto | None:  # noqa: ARG002
         """Flat ground in a rectangular photo from a height; None without one, or no such photo."""
         return None
 

@@ -29,12 +29,12 @@ COLUMNS = (
 """Columns of ``track.csv``, in order."""
 
 AGE_COLUMN = "attitude_age_s"
-PICTURES_COLUMN = "pictures_taken"
+PHOTOS_COLUMN = "pictures_taken"
 UNIX_TIME_COLUMN = "unix_time_s"
 RECEIVED_COLUMN = "received_utc_s"
 VELOCITY_COLUMNS = ("velocity_north_m_s", "velocity_east_m_s", "velocity_down_m_s")
 FIX_COLUMN = "has_fix"
-OPTIONAL_COLUMNS = (AGE_COLUMN, PICTURES_COLUMN, UNIX_TIME_COLUMN, RECEIVED_COLUMN, *VELOCITY_COLUMNS, FIX_COLUMN)
+OPTIONAL_COLUMNS = (AGE_COLUMN, PHOTOS_COLUMN, UNIX_TIME_COLUMN, RECEIVED_COLUMN, *VELOCITY_COLUMNS, FIX_COLUMN)
 """Last columns, which a file may lack."""
 
 MAY_BE_EMPTY = ("roll_deg", "pitch_deg", "yaw_deg", *OPTIONAL_COLUMNS)

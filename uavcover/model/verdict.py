@@ -112,15 +112,19 @@ class Judgement:
 _FEWEST_DECIMALS, _MOST_DECIMALS = 2, 9
 
 
-def percent_beside(share: float, limit: float) -> str:
+def percent_beside(fraction: float, limit: float) -> str:
     """Format a share 0..1 beside a limit, with enough decimals that one does not read as the other.
 
     94.998 % is below 95 %, where 95.00 % would not be.
     """
     digits = _FEWEST_DECIMALS
-    while share != limit and digits < _MOST_DECIMALS and f"{100.0 * share:.{digits}f}" == f"{100.0 * limit:.{digits}f}":
+    while (
+        fraction != limit
+        and digits < _MOST_DECIMALS
+        and f"{100.0 * fraction:.{digits}f}" == f"{100.0 * limit:.{digits}f}"
+    ):
         digits += 1
-    return f"{100.0 * share:.{digits}f} %"
+    return f"{100.0 * fraction:.{digits}f} %"
 
 
 ViolationKind = Literal[
@@ -249,7 +253,7 @@ class CellStatistics:
 
 
 @dataclass(frozen=True, slots=True)
-class PictureStatistics:
+class PhotoStatistics:
     """In how many photos the ground of the area is, as it was drawn, without its margin."""
 
     taken: int  # how many photos there are
@@ -382,7 +386,7 @@ class VerificationReport:
     max_ground_speed_m_s: float | None
     gaps: tuple[Gap, ...]
     cells: CellStatistics
-    pictures: PictureStatistics | None
+    pictures: PhotoStatistics | None
     coverage_by_time: tuple[CoverageMoment, ...]
     samples: int
     unknown_attitude_looks: int

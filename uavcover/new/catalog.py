@@ -269,7 +269,7 @@ class DetectionCurve:
     source: str  # where the values are from
     table: DetectionTable  # of it
     # which looks at one place count as independent chances: the best from each side (``sides``), every photo
-    # (``pictures``), or only the best of all (``none``)
+    # (``photos``), or only the best of all (``none``)
     independent: Independent = "sides"
     # whether it comes with the package: a rule of thumb that was not measured for these photos
     is_example: bool = False
@@ -319,14 +319,14 @@ CURVES = Catalog("detection.toml", _DETECTION, _curve, command="judge-photos")
 def _by_pixels(row: Mapping[str, Any], *, where: str) -> DetectionTable:
     target_m = number_of(row, "target_m", where=where) or 0.0
     pixels = number_of(row, "pixels_for_half", where=where) or SURVEY.pixels_for_half
-    at_best = _share(row, "found_at_best", 1.0, where=where)
-    hidden = _share(row, "hidden_from_above", 0.0, where=where)
+    at_best = _fraction(row, "found_at_best", 1.0, where=where)
+    hidden = _fraction(row, "hidden_from_above", 0.0, where=where)
     ratio = np.geomspace(SURVEY.finest_ratio, SURVEY.coarsest_ratio, SURVEY.ratio_steps)
     angles_deg = np.array([0.0, 90.0]) if hidden == 0.0 else np.arange(91.0)
     # Of leaves spread at random, each step along the line of sight hides the same share (Nilson, 1971: Beer's law for gaps).
     slant = 1.0 / np.maximum(np.cos(np.radians(angles_deg)), 1e-9)
-    open_share = np.ones(2) if hidden == 0.0 else (1.0 - hidden) ** slant
-    return detection_table(target_m / (pixels * ratio), angles_deg, at_best * open_share[:, None] * noticed(ratio))
+    open_fraction = np.ones(2) if hidden == 0.0 else (1.0 - hidden) ** slant
+    return detection_table(target_m / (pixels * ratio), angles_deg, at_best * open_fraction[:, None] * noticed(ratio))
 
 
 def _own_table(row: Mapping[str, Any], *, where: str) -> DetectionTable:
@@ -375,7 +375,7 @@ def _numbers(values: object, key: str, *, where: str) -> FloatArray:
     return numbers
 
 
-def _share(row: Mapping[str, Any], key: str, default: float, *, where: str) -> float:
+def _fraction(row: Mapping[str, Any], key: str, default: float, *, where: str) -> float:
     value = row.get(key, default)
     if not _is_number(value) or not 0.0 <= value <= 1.0:
         raise InputError(f"{where}: {key}: must be a fraction between 0 and 1, not {value!r}")

@@ -20,10 +20,10 @@ from uavcover.new.elevation_questions import (
     NewRequest,
     ask_about_heights,
     ask_about_surface,
-    ground_asked_for,
     inside_data,
     over_lakes,
-    surface_asked_for,
+    requested_ground,
+    requested_surface,
 )
 from uavcover.new.quantities import TERRAIN
 from uavcover.new.survey import (
@@ -37,7 +37,7 @@ from uavcover.new.survey import (
     scenario_text,
     views_of,
 )
-from uavcover.new.terrain_look import SurfaceLook, TerrainLook, look_at_terrain, place_for_home
+from uavcover.new.terrain_look import SurfaceLook, TerrainLook, look_at_terrain, position_for_home
 from uavcover.planner.baselines.boustrophedon import (
     angle_of_heading_rad,
     fly_layout,
@@ -52,12 +52,12 @@ from uavcover.scenario.areas.area_file import read_area
 from uavcover.scenario.scenario_file import parse_scenario
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import path_lengths_m
-from uavcover.sensing.pictures import FLOWN_OVERLAP_FRACTION, pictures_asked, planned_pictures
+from uavcover.sensing.photos import FLOWN_OVERLAP_FRACTION, photos_required, planned_photos
 from uavcover.sensing.sensors import trigger_distance_m
 from uavcover.sensing.site_maps import judging_map
 from uavcover.terrain.elevation_file import read_height_amsl_m
 from uavcover.terrain.frames import datum_named
-from uavcover.terrain.suspect_heights import trust_asked_for
+from uavcover.terrain.suspect_heights import confirmed_trust
 
 _MOUNTS = {"stabilised": "stabilised", "gimbal": "stabilised", "fixed": "fixed"}
 
@@ -95,7 +95,7 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
     for note in area.notes:
         user.warn(f"{request.area.source}: {note}")
     wish = _wish(request)
-    dem = ground_asked_for(request, area)
+    dem = requested_ground(request, area)
     wanted = None if request.vertical_datum is None else datum_named(request.vertical_datum)
     look = look_at_terrain(dem, area.parts, where=request.area.source, around_m=TERRAIN.around_m, datum=wanted)
     if dem.water_height_m is not None:
@@ -107,8 +107,8 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
     dem = over_lakes(dem, look, user)
     datum, stated = _datum(look, user)
     around = look.area.convex_hull.buffer(TERRAIN.around_m)
-    trust = trust_asked_for(dem, datum, around, look.frame, user, trusted=request.trust_dem)
-    surface = surface_asked_for(request, area, dem, look, datum)
+    trust = confirmed_trust(dem, datum, around, look.frame, user, trusted=request.trust_dem)
+    surface = requested_surface(request, area, dem, look, datum)
     ask_about_surface(dem, user, beside_surface=surface is not None)
     ask_about_heights(dem, user, option="--dem")
     step_m = 0.0 if surface is None else surface.tallest_m
@@ -116,7 +116,9 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
     design = inside_data(design, dem, look, user)
     is_open = None if surface is None else surface.is_open
     home = (
-        place_for_home(dem, look, avoid=closed, is_open=is_open) if request.home is None else _near(request.home, look)
+        position_for_home(dem, look, avoid=closed, is_open=is_open)
+        if request.home is None
+        else _near(request.home, look)
     )
     home_m = read_height_amsl_m(dem, datum, lat_deg=home[0], lon_deg=home[1])
     highest_m = look.highest_amsl_m if surface is None else max(look.highest_amsl_m, surface.highest_amsl_m)
@@ -132,7 +134,7 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
         design=design, home=home, home_is_given=request.home is not None,
         return_height_m=return_height_m(highest_m, home_m), slope_deg=look.slope_deg,
         autopilot=autopilot_name(request.autopilot, (vehicle.autopilot if vehicle is not None else None) or "ardupilot"),
-        mount=mount, no_fly=request.no_fly, flight_window_utc=_window_asked_for(request),
+        mount=mount, no_fly=request.no_fly, flight_window_utc=_requested_window(request),
         surface_files=request.dsm, surface=surface, trust_heights=trust, fence=request.fence, rally=request.rally,
         max_alt_amsl_m=_length(request.max_alt, "--max-alt", "900m"),
     )  # fmt: skip
@@ -141,7 +143,7 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
     if wish.camera.min_interval_s is None:
         user.warn(
             f"the minimum photo interval of {wish.camera.name} is unknown; check that the camera can take a photo "
-            f"every {design.picture_distance_m / design.speed_m_s:.1f} s"
+            f"every {design.photo_distance_m / design.speed_m_s:.1f} s"
         )
     return tuple(_in_full(scenario, view, look, request, folder=folder) for view in views)
 
@@ -168,17 +170,17 @@ def _plain_route(site: Site, view: View) -> tuple[Route, int]:
 
 def _keeps_overlap(site: Site, view: View) -> bool:
     """Whether an overlap is required and plain swaths keep it: then a flight can be required to."""
-    if pictures_asked(site.scenario.sensor) is None or view.is_tilted:
+    if photos_required(site.scenario.sensor) is None or view.is_tilted:
         return False
     try:
         route, _ = _plain_route(site, view)
     except InfeasibleError:
         return False
-    pictures = planned_pictures(judging_map(site), [route.waypoints_m])
-    return pictures is not None and bool(pictures.overlap_holds)
+    photos = planned_photos(judging_map(site), [route.waypoints_m])
+    return photos is not None and bool(photos.overlap_holds)
 
 
-def say_design(scenario: NewScenario, user: User) -> dict[str, object]:
+def print_design(scenario: NewScenario, user: User) -> dict[str, object]:
     """Print the derived survey; return it as a document."""
     design, site = scenario.design, scenario.site
     drawn_ha = scenario.look.area_m2 / 1e4
@@ -188,7 +190,7 @@ def say_design(scenario: NewScenario, user: User) -> dict[str, object]:
     ground = f"{scenario.look.lowest_amsl_m:.0f} to {scenario.look.highest_amsl_m:.0f} m above sea level"
     user.say(f"{'ground':18}{ground}, 95 % of it below {scenario.look.slope_deg:.0f} degrees")
     if (surface := scenario.surface) is not None:
-        hidden = f"hide {100.0 * surface.hidden_share:.0f} % of the ground, which no flight can observe"
+        hidden = f"hide {100.0 * surface.hidden_fraction:.0f} % of the ground, which no flight can observe"
         user.say(f"{'trees and roofs':18}up to {surface.tallest_m:.0f} m above the ground; they {hidden}")
     low, high = design.min_height_agl_m, design.max_height_agl_m
     gsd = f"{100.0 * design.gsd_at_m(low):.2f} to {100.0 * design.gsd_at_m(high):.2f} cm per pixel"
@@ -196,30 +198,28 @@ def say_design(scenario: NewScenario, user: User) -> dict[str, object]:
     user.say(f"{'height band':18}{low:g} to {high:g} m above {above}, {gsd}")
     if design.is_capped:
         user.say(f"{'':18}{100.0 * design.wish.gsd_m:g} cm would allow {design.gsd_height_m:.0f} m; raise --max-height")
-    every_s = design.picture_distance_m / design.speed_m_s
-    user.say(
-        f"{'photo distance':18}{design.picture_distance_m:.1f} m, every {every_s:.1f} s at {design.speed_m_s:g} m/s"
-    )
+    every_s = design.photo_distance_m / design.speed_m_s
+    user.say(f"{'photo distance':18}{design.photo_distance_m:.1f} m, every {every_s:.1f} s at {design.speed_m_s:g} m/s")
     user.say(f"{'line distance':18}{design.line_distance_m:.0f} m on level ground")
     home = site.scenario.home
     if home is not None and home.lat_deg is not None and home.lon_deg is not None:
         user.say(f"{'home':18}{home.lat_deg:.6f}, {home.lon_deg:.6f}, {site.alt_amsl_offset_m:.0f} m above sea level")
     return {
         "area_m2": scenario.look.area_m2, "seen_area_m2": float(site.area.area), "margin_m": design.margin_m,
-        "min_height_agl_m": low, "max_height_agl_m": high, "picture_distance_m": design.picture_distance_m,
+        "min_height_agl_m": low, "max_height_agl_m": high, "picture_distance_m": design.photo_distance_m,
         "line_distance_m": design.line_distance_m, "speed_m_s": design.speed_m_s,
-        **({} if surface is None else {"tallest_m": surface.tallest_m, "hidden_share": surface.hidden_share}),
+        **({} if surface is None else {"tallest_m": surface.tallest_m, "hidden_share": surface.hidden_fraction}),
     }  # fmt: skip
 
 
-def say_estimate(scenario: NewScenario, user: User) -> dict[str, object]:
+def print_estimate(scenario: NewScenario, user: User) -> dict[str, object]:
     """Print photos, time and batteries of plain parallel lines, which the search improves; return them as a document."""
     site, vehicle = scenario.site, scenario.site.scenario.vehicle
     route, lines = _plain_route(site, scenario.view)
     length_m = float(path_lengths_m(route.waypoints_m)[-1])
-    pictures = math.floor(length_m / (trigger_distance_m(site.scenario) or length_m)) + 1
+    photos = math.floor(length_m / (trigger_distance_m(site.scenario) or length_m)) + 1
     time_s = mission_cost(site, route).time_s
-    words = f"about {counted(pictures, 'photo')}, {counted(lines, 'line')}, {length_m / 1000.0:.1f} km, {time_s / 60.0:.0f} min"
+    words = f"about {counted(photos, 'photo')}, {counted(lines, 'line')}, {length_m / 1000.0:.1f} km, {time_s / 60.0:.0f} min"
     batteries, rest = None, " (simple parallel lines; for the number of batteries, add --battery)"
     if vehicle.longest_flight_s is not None:
         try:
@@ -228,10 +228,10 @@ def say_estimate(scenario: NewScenario, user: User) -> dict[str, object]:
             batteries = math.ceil(time_s / vehicle.longest_flight_s)
         rest = f", {batteries} batter{'y' if batteries == 1 else 'ies'} (simple parallel lines)"
     user.say(f"{f'estimate {scenario.view.name}'.strip():18}{words}{rest}")
-    return {"pictures": pictures, "flight_time_s": time_s, "batteries": batteries}
+    return {"pictures": photos, "flight_time_s": time_s, "batteries": batteries}
 
 
-def _window_asked_for(request: NewRequest) -> tuple[str, str] | None:
+def _requested_window(request: NewRequest) -> tuple[str, str] | None:
     return None if request.at is None else quantities.flight_window(request.at, option="--at")
 
 
@@ -240,8 +240,8 @@ def _closed_to_home(request: NewRequest, look: TerrainLook, user: User) -> shape
     west, south, east, north = look.area.bounds
     lats, lons, _ = look.frame.geodetic_from_enu(np.array([[west, south, 0.0], [east, north, 0.0]]))
     lons[1] += 360.0 if lons[1] < lons[0] else 0.0
-    asked = _window_asked_for(request)
-    window = None if asked is None else window_of(*asked, "--at")
+    requested = _requested_window(request)
+    window = None if requested is None else window_of(*requested, "--at")
     shapes: list[shapely.Geometry] = []
     for file in request.no_fly:
         try:
@@ -308,8 +308,8 @@ def _datum(look: TerrainLook, user: User) -> tuple[str, bool]:
 
 def _near(text: str, look: TerrainLook) -> tuple[float, float]:
     lat, lon = quantities.lat_lon(text, option="--home")
-    place = shapely.Point(look.frame.enu_from_geodetic(lat, lon, 0.0)[0, :2])
-    away_m = float(look.area.distance(place))
+    position = shapely.Point(look.frame.enu_from_geodetic(lat, lon, 0.0)[0, :2])
+    away_m = float(look.area.distance(position))
     if not away_m <= TERRAIN.farthest_home_m:
         raise InputError(
             f"--home: {text} is {away_m / 1000.0:.0f} km from the area; the limit is "

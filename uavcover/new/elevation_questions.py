@@ -40,7 +40,7 @@ _SHADING = re.compile(
 _TAGS_READ = 200
 
 
-def surface_in_words(source: TerrainSource) -> str | None:
+def surface_text(source: TerrainSource) -> str | None:
     """Reason why elevation data seems to be a surface model; None without a sign of it.
 
     The words of a name of a free data set say which; other names and metadata are quoted. A name that says ground model decides
@@ -72,7 +72,7 @@ def _of_set(name: str) -> str:
     return f"{found['title']} is a {found['surface']}"
 
 
-def feet_in_words(source: TerrainSource) -> str | None:
+def feet_text(source: TerrainSource) -> str | None:
     """Reason why heights in metres seem to be in feet.
 
     None without a sign of it, or with a given unit.
@@ -87,7 +87,7 @@ def feet_in_words(source: TerrainSource) -> str | None:
         unit = dataset.units[source.band_of(dataset) - 1]
         return bool(unit) or (dataset.crs is not None and "VERT" in dataset.crs.to_wkt())
 
-    if _asked(source, states_unit, otherwise=True):
+    if _answer_of(source, states_unit, otherwise=True):
         return None
     if word := _FEET.search(source.files[0].stem):
         return f'its name contains "{word.group(0)}"'
@@ -97,18 +97,20 @@ def feet_in_words(source: TerrainSource) -> str | None:
     return None
 
 
-def bands_in_words(source: TerrainSource) -> str | None:
+def bands_text(source: TerrainSource) -> str | None:
     """List the bands beside the first, which is used. None with one band, or with an explicit choice."""
     if source.band is not None:
         return None
-    described: tuple[str | None, ...] = _asked(source, lambda dataset: dataset.descriptions, otherwise=())
+    described: tuple[str | None, ...] = _answer_of(source, lambda dataset: dataset.descriptions, otherwise=())
     names = [name or "without a name" for name in described]
     return None if len(names) < 2 else ", ".join(f"{number} {name}" for number, name in enumerate(names, start=1))
 
 
-def shading_in_words(source: TerrainSource) -> str | None:
+def shading_text(source: TerrainSource) -> str | None:
     """Reason why values seem to be an image of heights, such as a hillshade; None without a sign of it."""
-    found = _asked(source, lambda dataset: (dataset.dtypes[source.band_of(dataset) - 1], dataset.count), otherwise=None)
+    found = _answer_of(
+        source, lambda dataset: (dataset.dtypes[source.band_of(dataset) - 1], dataset.count), otherwise=None
+    )
     if found is None:
         return None
     kind, count = found
@@ -132,10 +134,10 @@ def _said(source: TerrainSource) -> list[str]:
         tags = (*dataset.tags().values(), *dataset.tags(band).values())
         return [str(dataset.descriptions[band - 1] or ""), *map(str, tags)]
 
-    return _asked(source, said, otherwise=[])
+    return _answer_of(source, said, otherwise=[])
 
 
-def _asked(source: TerrainSource, question: Callable[[Any], Answer], *, otherwise: Answer) -> Answer:
+def _answer_of(source: TerrainSource, question: Callable[[Any], Answer], *, otherwise: Answer) -> Answer:
     """Answer of the open raster; if it cannot be opened, its own error follows elsewhere."""
     try:
         with source.opened() as dataset:
@@ -179,8 +181,8 @@ class NewRequest:
 
 def _files(names: tuple[str, ...], area: FoundArea, option: str) -> tuple[Path, ...]:
     """The elevation files that are near the area."""
-    outlines = [place for rings in area.parts for place in rings[0]]
-    lons, lats = [place[0] for place in outlines], [place[1] for place in outlines]
+    outlines = [position for rings in area.parts for position in rings[0]]
+    lons, lats = [position[0] for position in outlines], [position[1] for position in outlines]
     if max(lons) - min(lons) > 180.0:
         lons = [lon + 360.0 if lon < 0.0 else lon for lon in lons]
     try:
@@ -194,7 +196,7 @@ def _files(names: tuple[str, ...], area: FoundArea, option: str) -> tuple[Path, 
     return files
 
 
-def surface_asked_for(
+def requested_surface(
     request: NewRequest, area: FoundArea, dem: TerrainSource, look: TerrainLook, datum: str
 ) -> SurfaceLook | None:
     """The examined surface model, if one was given."""
@@ -208,7 +210,7 @@ def surface_asked_for(
     return look_at_surface(source, dem, look, ground_datum=datum, around_m=TERRAIN.around_m)
 
 
-def ground_asked_for(request: NewRequest, area: FoundArea) -> TerrainSource:
+def requested_ground(request: NewRequest, area: FoundArea) -> TerrainSource:
     """The elevation data of the ground."""
     files = _files(request.dem, area, "--dem")
     unit = None if request.height_unit is None else request.height_unit.casefold()
@@ -257,7 +259,7 @@ def ask_about_surface(dem: TerrainSource, user: User, *, beside_surface: bool) -
         user: answers.
         beside_surface: whether a surface model was given too.
     """
-    why = surface_in_words(dem)
+    why = surface_text(dem)
     if why is None:
         return
     if beside_surface:
@@ -273,14 +275,14 @@ def ask_about_surface(dem: TerrainSource, user: User, *, beside_surface: bool) -
 
 def ask_about_heights(source: TerrainSource, user: User, *, option: str) -> None:
     """Ask whether heights are plausible and in metres if the data suggests otherwise; report the selected band."""
-    if (why := feet_in_words(source)) is not None:
+    if (why := feet_text(source)) is not None:
         user.warn(f"{option}: the heights may be in feet ({why}); they are read as metres; set --height-unit ft or m")
-    if (why := shading_in_words(source)) is not None:
+    if (why := shading_text(source)) is not None:
         user.warn(
             f"{option}: these may not be heights ({why}); they are read as metres; a hillshade or slope map is not "
             "an elevation model"
         )
-    if (bands := bands_in_words(source)) is not None:
+    if (bands := bands_text(source)) is not None:
         user.warn(
             f"{option}: the file has several bands ({bands}): the first is read as the heights; select one with --band"
         )

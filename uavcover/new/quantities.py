@@ -17,7 +17,7 @@ class _Survey:
     lowest_bottom_m: float
     slowest_m_s: float
     usual_speed_m_s: float
-    speed_share: float
+    speed_fraction: float
     trigger_slack: float
     flat_deg: float
     steep_deg: float
@@ -49,7 +49,7 @@ class _Terrain:
     grid: int
     gap_grid: int
     round_m: float
-    rim_share: float
+    rim_fraction: float
     edge_steps: int
     slope_reach_m: float
     home_slope_deg: float
@@ -182,12 +182,12 @@ def overlaps(text: str) -> tuple[float, float]:
     """
     parts = [part.strip().removesuffix("%") for part in re.split(r"[/,x]", text.strip())]
     try:
-        shares = [float(part) for part in parts]
+        fractions = [float(part) for part in parts]
     except ValueError:
-        shares = []
-    if len(shares) not in (1, 2):
+        fractions = []
+    if len(fractions) not in (1, 2):
         raise InputError(f"--overlap: must be forward and side overlap in percent, such as 75/70, not {text!r}")
-    forward, side = shares[0], shares[-1]
+    forward, side = fractions[0], fractions[-1]
     if max(forward, side) < 1.0 and max(forward, side) > 0.0:
         raise InputError(f"--overlap: must be in percent, such as 75/70, not {text!r}")
     if not (0.0 <= forward <= 95.0 and 0.0 <= side <= 95.0):

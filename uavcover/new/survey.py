@@ -47,7 +47,7 @@ class SurveyDesign:
     max_height_agl_m: float  # upper end
     height_margin_m: float  # the planner stays this far inside both
     max_climb_angle_deg: float  # steepest leg; a multicopter climbs as steeply as the ground does
-    picture_distance_m: float  # between two photos, for the overlap at the lower end
+    photo_distance_m: float  # between two photos, for the overlap at the lower end
     line_distance_m: float  # between two lines, at the middle of the band
     speed_m_s: float  # over ground
     speed_reason: str  # why it is not the usual one; empty if it is
@@ -99,9 +99,9 @@ def design_survey(wish: SurveyWish, *, slope_deg: float, area_m2: float, step_m:
             )
     across = camera.sensor_across_mm / camera.focal_length_mm
     along = camera.sensor_along_mm / camera.focal_length_mm
-    picture_distance_m = (1.0 - wish.forward_overlap) * along * bottom_m
+    photo_distance_m = (1.0 - wish.forward_overlap) * along * bottom_m
     line_distance_m = (1.0 - wish.side_overlap) * across * 0.5 * (bottom_m + top_m)
-    speed_m_s, reason = _speed(wish, picture_distance_m)
+    speed_m_s, reason = _speed(wish, photo_distance_m)
     margin_m = wish.margin_m
     if margin_m is None:
         # a place at the edge is in as many photos as one inside when lines, and photos along them, reach as far beyond
@@ -113,7 +113,7 @@ def design_survey(wish: SurveyWish, *, slope_deg: float, area_m2: float, step_m:
     return SurveyDesign(
         wish=wish, gsd_height_m=gsd_height_m, min_height_agl_m=bottom_m, max_height_agl_m=top_m, height_margin_m=height_margin_m,
         max_climb_angle_deg=_climb_angle_deg(slope_deg),
-        picture_distance_m=picture_distance_m, line_distance_m=line_distance_m, speed_m_s=speed_m_s, speed_reason=reason,
+        photo_distance_m=photo_distance_m, line_distance_m=line_distance_m, speed_m_s=speed_m_s, speed_reason=reason,
         endurance_s=endurance_s, margin_m=margin_m, cell_size_m=round(cell_m, 1),
         range_m=math.ceil(1.6 * top_m * math.hypot(1.0, diagonal)),
     )  # fmt: skip
@@ -139,7 +139,7 @@ def _refuse_height(wish: SurveyWish, gsd_height_m: float, top_m: float) -> None:
     )
 
 
-def _speed(wish: SurveyWish, picture_distance_m: float) -> tuple[float, str]:
+def _speed(wish: SurveyWish, photo_distance_m: float) -> tuple[float, str]:
     """Speed over ground, and why it is not the usual one."""
     vehicle = wish.vehicle
     largest = vehicle.max_speed_m_s if vehicle is not None else None
@@ -152,15 +152,15 @@ def _speed(wish: SurveyWish, picture_distance_m: float) -> tuple[float, str]:
     if vehicle is not None and vehicle.cruise_speed_m_s is not None:
         usual = vehicle.cruise_speed_m_s
     elif largest is not None:
-        usual = min(usual, SURVEY.speed_share * largest)
+        usual = min(usual, SURVEY.speed_fraction * largest)
     speed = usual if wish.speed_m_s is None else wish.speed_m_s
     interval_s = wish.camera.min_interval_s
     if interval_s is None:
         return speed, ""
-    fastest = picture_distance_m / (interval_s * SURVEY.trigger_slack)
+    fastest = photo_distance_m / (interval_s * SURVEY.trigger_slack)
     if speed <= fastest:
         return speed, ""
-    needed = f"a photo every {picture_distance_m:.1f} m and the {interval_s:g} s interval of {wish.camera.name}"
+    needed = f"a photo every {photo_distance_m:.1f} m and the {interval_s:g} s interval of {wish.camera.name}"
     if wish.speed_m_s is not None or fastest < SURVEY.slowest_m_s:
         raise InputError(
             f"{'--speed' if wish.speed_m_s is not None else '--overlap'}: {needed} allow only {fastest:.1f} m/s; use "

@@ -62,11 +62,11 @@ def look_at_terrain(
         )
     _require_ground(file, datums[0], parts, where=where, frame=frame, area=area)
     zone = area.convex_hull.buffer(around_m)
-    places = _grid(zone, TERRAIN.grid)
-    heights = _heights(file, datums[0], frame, places)
+    positions = _grid(zone, TERRAIN.grid)
+    heights = _heights(file, datums[0], frame, positions)
     known = np.isfinite(heights)
-    inside = np.asarray(shapely.contains_xy(area, places[:, 0], places[:, 1])) & known
-    sampled = places[inside] if inside.any() else shapely.get_coordinates(area.representative_point())
+    inside = np.asarray(shapely.contains_xy(area, positions[:, 0], positions[:, 1])) & known
+    sampled = positions[inside] if inside.any() else shapely.get_coordinates(area.representative_point())
     slopes = _slopes_deg(file, datums[0], frame, sampled)
     slope = float(np.nanpercentile(slopes, 95.0)) if np.isfinite(slopes).any() else 0.0
     gap_m = _gaps_in_holes_m(file, datums[0], frame, area, where=where)
@@ -87,25 +87,25 @@ def _gaps_in_holes_m(
     """
     west, south, east, north = area.bounds
     easts, norths = np.linspace(west, east, TERRAIN.gap_grid), np.linspace(south, north, TERRAIN.gap_grid)
-    places = np.stack(np.meshgrid(easts, norths), axis=-1).reshape(-1, 2)
-    gaps = np.isnan(_heights(file, datum, frame, places)) & shapely.contains_xy(
-        area.convex_hull, places[:, 0], places[:, 1]
+    positions = np.stack(np.meshgrid(easts, norths), axis=-1).reshape(-1, 2)
+    gaps = np.isnan(_heights(file, datum, frame, positions)) & shapely.contains_xy(
+        area.convex_hull, positions[:, 0], positions[:, 1]
     )
     if not gaps.any():
         return 0.0
-    covered = shapely.contains_xy(area, places[:, 0], places[:, 1]).reshape(TERRAIN.gap_grid, TERRAIN.gap_grid)
+    covered = shapely.contains_xy(area, positions[:, 0], positions[:, 1]).reshape(TERRAIN.gap_grid, TERRAIN.gap_grid)
     from scipy import ndimage  # a third of a second to load, and most elevation data has no gaps
 
     labels, _ = ndimage.label(gaps.reshape(TERRAIN.gap_grid, TERRAIN.gap_grid), structure=np.ones((3, 3)))
     steps_m = np.array([norths[1] - norths[0], easts[1] - easts[0]])
     largest_m = 0.0
-    for number, place in enumerate(ndimage.find_objects(labels), start=1):
-        gap = labels[place] == number
+    for number, position in enumerate(ndimage.find_objects(labels), start=1):
+        gap = labels[position] == number
         length_m = TERRAIN.round_m * math.ceil(float(max(np.array(gap.shape) * steps_m)) / TERRAIN.round_m + 2.0)
-        inside = gap & covered[place]
-        if inside.mean(where=gap) > TERRAIN.rim_share:
+        inside = gap & covered[position]
+        if inside.mean(where=gap) > TERRAIN.rim_fraction:
             if length_m > file.fill_no_data_m:
-                row, column = np.argwhere(inside)[0] + (place[0].start, place[1].start)
+                row, column = np.argwhere(inside)[0] + (position[0].start, position[1].start)
                 lat, lon, _ = frame.geodetic_from_enu([[easts[column], norths[row], 0.0]])
                 raise InputError(
                     f"{where}: {file} has no elevation at latitude {lat[0]:.5f}, longitude {lon[0]:.5f}, inside the "
@@ -126,7 +126,7 @@ def known_margin_m(file: TerrainSource, look: TerrainLook, wanted_m: float) -> f
     return 0.0
 
 
-def place_for_home(
+def position_for_home(
     file: TerrainSource,  # the elevation data
     look: TerrainLook,  # at the terrain
     *,
@@ -142,18 +142,18 @@ def place_for_home(
     file = replace(file, water_height_m=None)  # home is never on open water
     rings = [part.exterior for part in shapely.get_parts(look.area)]
     step_m = max(5.0, sum(ring.length for ring in rings) / TERRAIN.edge_steps)
-    places = np.vstack([shapely.get_coordinates(shapely.segmentize(ring, step_m)) for ring in rings])
-    heights = _heights(file, look.datums[0], look.frame, places)
-    slopes = _slopes_deg(file, look.datums[0], look.frame, places)
+    positions = np.vstack([shapely.get_coordinates(shapely.segmentize(ring, step_m)) for ring in rings])
+    heights = _heights(file, look.datums[0], look.frame, positions)
+    slopes = _slopes_deg(file, look.datums[0], look.frame, positions)
     known = np.isfinite(heights) & np.isfinite(slopes)
     if avoid is not None and known.any():
-        known &= ~shapely.intersects_xy(avoid, places[:, 0], places[:, 1])
+        known &= ~shapely.intersects_xy(avoid, positions[:, 0], positions[:, 1])
         if not known.any():
             raise InputError(
                 "--home: the whole edge of the area is in no-fly zones or outside the fence; specify a position as --home LAT,LON"
             )
     if is_open is not None and known.any():
-        known &= is_open(places)
+        known &= is_open(positions)
         if not known.any():
             raise InputError(
                 "--home: trees and roofs of the surface model cover the whole edge of the area; specify a position "
@@ -162,7 +162,7 @@ def place_for_home(
     if not known.any():
         raise InputError("--home: there is no elevation data at the edge of the area; specify --home LAT,LON")
     level = known & (slopes <= max(TERRAIN.home_slope_deg, float(np.min(slopes[known])) + 1.0))
-    best = places[level][int(np.argmin(heights[level]))]
+    best = positions[level][int(np.argmin(heights[level]))]
     lat, lon, _ = look.frame.geodetic_from_enu([[best[0], best[1], 0.0]])
     return round(float(lat[0]), 6), round(float(lon[0]), 6)
 
@@ -223,8 +223,8 @@ def _require_ground(
     area: shapely.MultiPolygon,
 ) -> None:
     """Refuse an area outside the elevation data; distinguish swapped axes from a wrong file."""
-    places = shapely.get_coordinates(area.convex_hull)
-    known = np.isfinite(_heights(file, datum, frame, places))
+    positions = shapely.get_coordinates(area.convex_hull)
+    known = np.isfinite(_heights(file, datum, frame, positions))
     if known.all():
         return
     corner = np.asarray(parts[0][0])[:1]
@@ -240,7 +240,7 @@ def _require_ground(
                 f"elevation data {file} ({_reach(file, datum, frame)}); use data for that location, or specify the "
                 "coordinate system of the area with --crs"
             )
-    lons, lats = frame.lon_lat_from_en(places).T
+    lons, lats = frame.lon_lat_from_en(positions).T
     at = int(np.argmin(known))
     raise InputError(
         f"{where}: the area reaches beyond the elevation data {file} at latitude {lats[at]:.5f}, longitude "
@@ -261,19 +261,19 @@ def _reach(file: TerrainSource, datum: str, frame: LocalFrame) -> str:
 def _grid(zone: shapely.Polygon, side: int) -> FloatArray:
     west, south, east, north = zone.bounds
     easts, norths = np.meshgrid(np.linspace(west, east, side), np.linspace(south, north, side))
-    places = np.column_stack([easts.ravel(), norths.ravel()])
-    return np.asarray(places[shapely.contains_xy(zone, places[:, 0], places[:, 1])])
+    positions = np.column_stack([easts.ravel(), norths.ravel()])
+    return np.asarray(positions[shapely.contains_xy(zone, positions[:, 0], positions[:, 1])])
 
 
-def _heights(file: TerrainSource, datum: str, frame: LocalFrame, places: FloatArray) -> FloatArray:
-    lon, lat = frame.lon_lat_from_en(places).T
+def _heights(file: TerrainSource, datum: str, frame: LocalFrame, positions: FloatArray) -> FloatArray:
+    lon, lat = frame.lon_lat_from_en(positions).T
     return read_heights_amsl_m(file, datum, lat, lon)
 
 
-def _slopes_deg(file: TerrainSource, datum: str, frame: LocalFrame, places: FloatArray) -> FloatArray:
+def _slopes_deg(file: TerrainSource, datum: str, frame: LocalFrame, positions: FloatArray) -> FloatArray:
     reach = TERRAIN.slope_reach_m
     steps = np.array([(reach, 0.0), (-reach, 0.0), (0.0, reach), (0.0, -reach)])
-    around = _heights(file, datum, frame, (places[:, None, :] + steps).reshape(-1, 2)).reshape(-1, 4)
+    around = _heights(file, datum, frame, (positions[:, None, :] + steps).reshape(-1, 2)).reshape(-1, 4)
     rise = np.hypot(around[:, 0] - around[:, 1], around[:, 2] - around[:, 3]) / (2.0 * reach)
     return np.degrees(np.arctan(rise))
 
@@ -289,7 +289,7 @@ class SurfaceLook:
     vertical_datum: str | None  # of its heights, where it is not that of the ground
     highest_amsl_m: float  # highest place of the surface in and around the area
     tallest_m: float  # largest height of the surface above the ground there
-    hidden_share: float  # fraction of the area's ground that it hides, 0..1
+    hidden_fraction: float  # fraction of the area's ground that it hides, 0..1
     # height above the ground, (n,) at (n, 2) places in the frame of the terrain's look
     above_ground_m: Callable[[FloatArray], FloatArray]
 
@@ -344,14 +344,14 @@ def look_at_surface(
     """
     datum = surface_datum(source, ground_datum)
 
-    def surface_m(places: FloatArray) -> FloatArray:
+    def surface_m(positions: FloatArray) -> FloatArray:
         try:
-            return _heights(source, datum, look.frame, places)
+            return _heights(source, datum, look.frame, positions)
         except TerrainError as error:
             raise of_surface(error) from error
 
-    def above_ground_m(places: FloatArray) -> FloatArray:
-        return np.asarray(surface_m(places) - _heights(ground, ground_datum, look.frame, places))
+    def above_ground_m(positions: FloatArray) -> FloatArray:
+        return np.asarray(surface_m(positions) - _heights(ground, ground_datum, look.frame, positions))
 
     grid = _grid(look.area.convex_hull.buffer(around_m), TERRAIN.surface_grid)
     top = surface_m(grid)

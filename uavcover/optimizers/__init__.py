@@ -184,10 +184,10 @@ class GuardedOptimizer:
         except UavcoverError:
             raise
         except Exception as error:
-            place = traceback.extract_tb(error.__traceback__)[-1]
+            position = traceback.extract_tb(error.__traceback__)[-1]
             raise OptimizerError(
-                f"{self._name}: {method} fails: {type(error).__name__}: {error} ({os.path.basename(place.filename)}, "
-                f"line {place.lineno}); correct the class, or choose another algorithm"
+                f"{self._name}: {method} fails: {type(error).__name__}: {error} ({os.path.basename(position.filename)}, "
+                f"line {position.lineno}); correct the class, or choose another algorithm"
             ) from error
 
 
@@ -324,11 +324,11 @@ def _module(module_name: str, name: str) -> ModuleType:
     except (Exception, SystemExit) as error:
         # A class in a script without a main guard ends the program when it is imported.
         raise OptimizerError(
-            f"algorithm {name!r}: importing {module_name!r} fails: {type(error).__name__}: {_place(error)}{error}"
+            f"algorithm {name!r}: importing {module_name!r} fails: {type(error).__name__}: {_position(error)}{error}"
         ) from error
 
 
-def _place(error: BaseException) -> str:
+def _position(error: BaseException) -> str:
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if not frame.filename.startswith("<") and frame.filename != __file__]
     return f"{os.path.basename(own[-1].filename)}, line {own[-1].lineno}: " if own else ""

@@ -31,8 +31,8 @@ def finite_array(values: npt.ArrayLike, name: str) -> FloatArray:
         raise OptimizerError(f"{name}: this is not an array of numbers ({error}); use rows of equal length") from error
     bad = np.argwhere(~np.isfinite(array))
     if len(bad):
-        place = tuple(int(i) for i in bad[0])
-        raise OptimizerError(f"{name}: entry {place} is {array[place]}; use only finite numbers")
+        position = tuple(int(i) for i in bad[0])
+        raise OptimizerError(f"{name}: entry {position} is {array[position]}; use only finite numbers")
     return array
 
 

@@ -208,7 +208,7 @@ def disturbance_decay(t: int, t_max: int) -> float:
 
 
 # Percentages: rollers, breeders, small beetles, thieves; from the 6, 6, 7 and 11 of 30 of the single-objective DBO.
-GROUP_SHARES: Final = (20, 20, 25, 35)
+GROUP_FRACTIONS: Final = (20, 20, 25, 35)
 
 
 def group_sizes(population_size: int) -> IntArray:
@@ -217,7 +217,7 @@ def group_sizes(population_size: int) -> IntArray:
     >>> group_sizes(50).tolist(), group_sizes(30).tolist()
     ([10, 10, 12, 18], [6, 6, 7, 11])
     """
-    hundredths = population_size * np.array(GROUP_SHARES, dtype=np.int64)
+    hundredths = population_size * np.array(GROUP_FRACTIONS, dtype=np.int64)
     sizes = hundredths // 100
     short = population_size - int(sizes.sum())
     # stable: of equal remainders the later group (thieves before small beetles) gets the beetle

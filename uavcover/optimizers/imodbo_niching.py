@@ -65,11 +65,11 @@ class NichePool:
         start = int(np.count_nonzero(least[: len(self)]))
         merged = self._with(everything, np.concatenate([self.previous, previous]), self.spacing)._rows(least)
         known = merged.solutions.objectives[:start] if start else merged.solutions.objectives
-        return merged._met(start, _share_of_range(slack, known), self.spacing)._thinned()
+        return merged._met(start, _fraction_of_range(slack, known), self.spacing)._thinned()
 
     def sifted(self, slack: float) -> "NichePool":
         """The pool after all its rows have met again, under another ``slack`` than before."""
-        return self._met(0, _share_of_range(slack, self.solutions.objectives), 0.0)
+        return self._met(0, _fraction_of_range(slack, self.solutions.objectives), 0.0)
 
     def outside_shadow_of(self, scouts: Solutions) -> "NichePool":
         """Without the rows that one of the ``scouts`` in the same niche dominates."""
@@ -107,10 +107,10 @@ class NichePool:
         return pool
 
 
-def _share_of_range(share: float, objectives: FloatArray) -> FloatArray:
+def _fraction_of_range(fraction: float, objectives: FloatArray) -> FloatArray:
     """``(m,)``; infinite if the share is, also of an objective that is the same everywhere."""
     ranges: FloatArray = np.ptp(objectives, axis=0)
-    return share * ranges if np.isfinite(share) else np.full_like(ranges, np.inf)
+    return fraction * ranges if np.isfinite(fraction) else np.full_like(ranges, np.inf)
 
 
 def _nearest(among: FloatArray, points: FloatArray, k: int) -> tuple[FloatArray, IntArray]:
@@ -207,17 +207,17 @@ def representatives(
     stretch = np.median(steps / np.maximum(away[:, 1:], 1e-12), axis=1) ** (m - 1)
     start = np.arange(min(count, len(x)), dtype=np.int64)
     extent = 1.0 / _crowd(x, start, crowd_radius)
-    front_share = stretch / stretch.sum() if stretch.sum() > 0 else np.full(len(x), 1.0 / len(x))
-    set_share = _EVENNESS * extent / extent.sum() + (1 - _EVENNESS) * front_share
-    x_cost, f_cost = _cost(x, start, set_share), _cost(f, start, front_share)
+    front_fraction = stretch / stretch.sum() if stretch.sum() > 0 else np.full(len(x), 1.0 / len(x))
+    set_fraction = _EVENNESS * extent / extent.sum() + (1 - _EVENNESS) * front_fraction
+    x_cost, f_cost = _cost(x, start, set_fraction), _cost(f, start, front_fraction)
     if x_cost == 0.0 or len(start) < 2:
         return np.sort(listed[start])
-    spread_front = _cost(f, spread_out(f, _ends(f)[:count], count), front_share)
+    spread_front = _cost(f, spread_out(f, _ends(f)[:count], count), front_fraction)
     medoids = start
     for weight in front_weights:
-        f_weights = front_share * (weight / f_cost if f_cost > 0 else 0.0)
-        medoids = two_space_medoids(x, f, set_share / x_cost, f_weights, start, len(ends), passes)
-        if _cost(f, medoids, front_share) <= front_allowance * spread_front:
+        f_weights = front_fraction * (weight / f_cost if f_cost > 0 else 0.0)
+        medoids = two_space_medoids(x, f, set_fraction / x_cost, f_weights, start, len(ends), passes)
+        if _cost(f, medoids, front_fraction) <= front_allowance * spread_front:
             break
     return np.sort(listed[medoids])
 
@@ -235,9 +235,9 @@ def _crowd(points: FloatArray, chosen: IntArray, radius: float) -> IntArray:
     return np.asarray(KDTree(points).query_ball_point(points, radius * apart, return_length=True), np.int64)
 
 
-def _cost(points: FloatArray, chosen: IntArray, shares: FloatArray) -> float:
+def _cost(points: FloatArray, chosen: IntArray, fractions: FloatArray) -> float:
     """Mean distance of the points, weighted by their shares, to the nearest of the chosen rows."""
-    return float(shares @ _nearest(points[chosen], points, 1)[0][:, 0])
+    return float(fractions @ _nearest(points[chosen], points, 1)[0][:, 0])
 
 
 class ImodboNiching(IMODBO):
@@ -254,10 +254,10 @@ class ImodboNiching(IMODBO):
     # rollers, breeders, small beetles, thieves, followers, smoothers
     exploring_groups: ClassVar[tuple[float, ...]] = (0.1, 0.1, 0.1, 0.3, 0.4, 0.0)
     settling_groups: ClassVar[tuple[float, ...]] = (0.0, 0.0, 0.0, 0.2, 0.4, 0.4)
-    scouting_share: ClassVar[float] = 0.15  # of the rounds: Latin hypercubes, Eq. 19
-    settling_share: ClassVar[float] = 0.1  # of the rounds, at the end: thieves, followers and smoothers only
-    pool_share: ClassVar[int] = 15  # rows in the pool for each one returned
-    shortlist_share: ClassVar[int] = 15
+    scouting_fraction: ClassVar[float] = 0.15  # of the rounds: Latin hypercubes, Eq. 19
+    settling_fraction: ClassVar[float] = 0.1  # of the rounds, at the end: thieves, followers and smoothers only
+    pool_fraction: ClassVar[int] = 15  # rows in the pool for each one returned
+    shortlist_fraction: ClassVar[int] = 15
     leaders_at_hand: ClassVar[int] = 8  # neighbours a beetle can follow
     surface_neighbours: ClassVar[int] = 11  # that a smoother fits its surface through
     stride: ClassVar[float] = 0.7  # of followers, standard deviation
@@ -286,10 +286,10 @@ class ImodboNiching(IMODBO):
             nothing.x,
             np.where(widths > 0, widths, 1.0),
             self.local_niche_radius if self._local_sets_wanted else self.global_niche_radius,
-            self.pool_share * self._archive.capacity,
+            self.pool_fraction * self._archive.capacity,
         )
         self._scouts = nothing
-        self._scouting_rounds = max(1, int(self.scouting_share * self._max_iterations))
+        self._scouting_rounds = max(1, int(self.scouting_fraction * self._max_iterations))
         self._chosen: tuple[int, ParetoSet] | None = None
 
     def _move(self, rng: np.random.Generator) -> FloatArray:
@@ -302,9 +302,9 @@ class ImodboNiching(IMODBO):
         around = neighbours(unit, parents, max(self.leaders_at_hand, self.surface_neighbours))
         near, on_surface = self._followable(around, rng), around[:, : self.surface_neighbours + 1]
         x, leaders = pool.solutions.x[parents], pool.solutions.x
-        settling = self._iteration >= (1 - self.settling_share) * self._max_iterations
-        shares = self.settling_groups if settling else self.exploring_groups
-        groups = np.split(np.arange(n), np.rint(np.cumsum(shares)[:-1] * n).astype(int))
+        settling = self._iteration >= (1 - self.settling_fraction) * self._max_iterations
+        fractions = self.settling_groups if settling else self.exploring_groups
+        groups = np.split(np.arange(n), np.rint(np.cumsum(fractions)[:-1] * n).astype(int))
         rollers, breeders, smalls, thieves, followers, smoothers = groups
 
         worst = leaders[rng.integers(0, len(pool), len(rollers))]
@@ -366,7 +366,7 @@ class ImodboNiching(IMODBO):
                 pool.unit,
                 pool.solutions.objectives,
                 count,
-                shortlist=self.shortlist_share * count,
+                shortlist=self.shortlist_fraction * count,
                 front_weights=self.front_weights,
                 front_allowance=self.front_allowance,
                 crowd_radius=self.crowd_radius,

@@ -44,12 +44,12 @@ def cells(objectives: FloatArray, *, n_grid: int, inflation: float) -> IntArray:
     low, high = objectives.min(axis=0), objectives.max(axis=0)
     margin = inflation * (high - low)
     borders = np.linspace(low - margin, high + margin, n_grid - 1)
-    place = np.zeros(len(objectives), np.int64)
+    position = np.zeros(len(objectives), np.int64)
     for j in range(objectives.shape[1]):
         interval = np.searchsorted(borders[:, j], objectives[:, j], side="right")
         # number pairs densely at once, so that many objectives do not overflow
-        place = np.unique(place * n_grid + interval, return_inverse=True)[1].astype(np.int64)
-    return place
+        position = np.unique(position * n_grid + interval, return_inverse=True)[1].astype(np.int64)
+    return position
 
 
 def thinned(cell: IntArray, keep: int, *, rng: np.random.Generator) -> IntArray:
@@ -87,7 +87,7 @@ class LeaderChoice:
         by_cell: ``(k,)`` row numbers, those of cell 0 first.
         starts: ``(c,)`` where each cell begins in ``by_cell``.
         counts: ``(c,)`` members of each cell.
-        place: ``(k,)`` where each row stands in ``by_cell``.
+        position: ``(k,)`` where each row stands in ``by_cell``.
         cell: ``(k,)`` the cell of each row.
         pressure: beta.
     """
@@ -95,7 +95,7 @@ class LeaderChoice:
     by_cell: IntArray
     starts: IntArray
     counts: IntArray
-    place: IntArray
+    position: IntArray
     cell: IntArray
     pressure: float
 
@@ -104,9 +104,9 @@ class LeaderChoice:
         """For rows in these cells ``(k,)``, k >= 1, with selection pressure beta."""
         by_cell = np.argsort(cell, kind="stable").astype(np.int64)
         counts = np.bincount(cell).astype(np.int64)
-        place = np.empty_like(by_cell)
-        place[by_cell] = np.arange(len(cell))
-        return cls(by_cell, np.cumsum(counts) - counts, counts, place, cell, pressure)
+        position = np.empty_like(by_cell)
+        position[by_cell] = np.arange(len(cell))
+        return cls(by_cell, np.cumsum(counts) - counts, counts, position, cell, pressure)
 
     def drawn(self, count: int, taken: IntArray, rng: np.random.Generator) -> IntArray:
         """For each of ``count`` wolves a row that it has not taken yet.
@@ -137,7 +137,7 @@ class LeaderChoice:
         chosen = (steps <= mark[:, None]).sum(axis=1)
         position = self.starts[chosen] + (member * left[wolves, chosen]).astype(np.int64)
         # step over those of the same cell that are taken, in ascending order
-        for barred in np.sort(self.place[taken], axis=1).T:
+        for barred in np.sort(self.position[taken], axis=1).T:
             position += (self.cell[self.by_cell[barred]] == chosen) & (barred <= position)
         chosen_rows: IntArray = self.by_cell[position]
         return chosen_rows
@@ -202,7 +202,7 @@ class MOGWO(AskTellOptimizer):
         self._wolves = evaluated.x
 
 
-def produce(x: FloatArray, place: IntArray, *, threshold: float, t_max: int, rng: np.random.Generator) -> FloatArray:
+def produce(x: FloatArray, rank: IntArray, *, threshold: float, t_max: int, rng: np.random.Generator) -> FloatArray:
     """Producers, Eq. 3: a wide search, or a flight when the alarm is louder than the safety threshold.
 
     Draws ``random((1, 1))`` for the alarm R2 of the whole flock, ``random((g, 1))`` for 1 - alpha,
@@ -210,7 +210,7 @@ def produce(x: FloatArray, place: IntArray, *, threshold: float, t_max: int, rng
 
     Args:
         x: ``(g, d)`` positions.
-        place: ``(g,)`` i, the place of each in the order of fitness, from 1.
+        rank: ``(g,)`` i, the rank of each by fitness, from 1.
         threshold: ST.
         t_max: iter_max.
         rng: source of random numbers.
@@ -221,12 +221,12 @@ def produce(x: FloatArray, place: IntArray, *, threshold: float, t_max: int, rng
     alarm = rng.random((1, 1))
     alpha = 1 - rng.random((len(x), 1))  # in (0, 1]
     q = rng.standard_normal((len(x), 1))
-    searched = x * np.exp(-place[:, None] / (alpha * t_max))  # Eq. 3, R2 < ST
+    searched = x * np.exp(-rank[:, None] / (alpha * t_max))  # Eq. 3, R2 < ST
     return np.where(alarm < threshold, searched, x + q)  # Eq. 3, R2 >= ST: Q times a row of ones
 
 
 def scrounge(
-    x: FloatArray, place: IntArray, producer: FloatArray, worst: FloatArray, *, n: int, rng: np.random.Generator
+    x: FloatArray, rank: IntArray, producer: FloatArray, worst: FloatArray, *, n: int, rng: np.random.Generator
 ) -> FloatArray:
     """Scroungers, Eq. 4: the worse half of the flock flies elsewhere, the others go to a producer.
 
@@ -234,7 +234,7 @@ def scrounge(
 
     Args:
         x: ``(g, d)`` positions.
-        place: ``(g,)`` i, from 1.
+        rank: ``(g,)`` i, from 1.
         producer: ``(g, d)`` X_P of each.
         worst: ``(g, d)`` X_worst of each.
         n: sparrows in the flock.
@@ -246,10 +246,10 @@ def scrounge(
     q = rng.standard_normal((len(x), 1))
     a = np.where(rng.random(x.shape) < 0.5, -1.0, 1.0)
     with np.errstate(over="ignore"):  # what flies off to infinity is put on the bound
-        hungry = q * np.exp((worst - x) / place[:, None] ** 2.0)  # Eq. 4, i > n/2
+        hungry = q * np.exp((worst - x) / rank[:, None] ** 2.0)  # Eq. 4, i > n/2
     # A+ = A'(AA')^-1 = A'/d, so that |X - X_P| A+ is one number for all variables
     step = (np.abs(x - producer) * a).sum(axis=1, keepdims=True) / x.shape[1]
-    return np.where(place[:, None] > n / 2, hungry, producer + step)  # Eq. 4, else
+    return np.where(rank[:, None] > n / 2, hungry, producer + step)  # Eq. 4, else
 
 
 def beware(
@@ -287,8 +287,8 @@ class MOSSA(AskTellOptimizer):
 
     smallest_population: ClassVar[int] = 2  # a producer and a scrounger
     safety_threshold: ClassVar[float] = 0.8  # ST; Table 2 calls it R2
-    producer_share: ClassVar[float] = 0.2  # PD, Table 2
-    aware_share: ClassVar[float] = 0.1  # SD, Table 2
+    producer_fraction: ClassVar[float] = 0.2  # PD, Table 2
+    aware_fraction: ClassVar[float] = 0.1  # SD, Table 2
     remembered: ClassVar[tuple[str, ...]] = ("ranks",)
 
     _ranks: IntArray  # (n,) front of each sparrow, 0 is the first
@@ -296,19 +296,19 @@ class MOSSA(AskTellOptimizer):
     def _move(self, rng: np.random.Generator) -> FloatArray:
         n, archive = self._population_size, self._archive
         order = self._by_fitness()
-        x, place = self._alive.x[order], np.arange(1, n + 1)
+        x, rank = self._alive.x[order], np.arange(1, n + 1)
         last = np.flatnonzero(self._ranks == self._ranks.max())
         worst = self._alive.x[last[rng.integers(0, len(last), n)]]
-        producers = max(1, round(self.producer_share * n))
+        producers = max(1, round(self.producer_fraction * n))
 
         produced = produce(
-            x[:producers], place[:producers], threshold=self.safety_threshold, t_max=self._max_iterations, rng=rng
+            x[:producers], rank[:producers], threshold=self.safety_threshold, t_max=self._max_iterations, rng=rng
         )
         followed = archive.leaders(n - producers, rng)
-        scrounged = scrounge(x[producers:], place[producers:], followed, worst[producers:], n=n, rng=rng)
+        scrounged = scrounge(x[producers:], rank[producers:], followed, worst[producers:], n=n, rng=rng)
         moved = np.concatenate([produced, scrounged])
 
-        aware = rng.permutation(n)[: max(1, round(self.aware_share * n))]
+        aware = rng.permutation(n)[: max(1, round(self.aware_fraction * n))]
         moved[aware] = beware(
             x[aware],
             self._ranks[order[aware]],

@@ -16,7 +16,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shares:
+class Fractions:
     """Fractions of the whole budget, by stage; for stages of a search, fractions of that search's budget.
 
     Attributes:
@@ -27,7 +27,7 @@ class Shares:
         bent_lines: bent lines and lines with few waypoints, the best first. On 25 square kilometres they take 6 s of processor
             time, too long for a search of 10 s.
         late_lines: the lines that remained before the search.
-        mended: after this fraction, infeasible routes are no longer repaired for the local search.
+        repaired: after this fraction, infeasible routes are no longer repaired for the local search.
         judging: upper limit for evaluating the routes found on the evaluation grid; ...
         judging_of_fewest: ... for large areas, upper limit of the time for the fewest routes.
         judging_baselines: evaluating baselines after the first two.
@@ -44,13 +44,13 @@ class Shares:
         goal_main_stages: ends of its stages. Each stage corrects the goal on the evaluation grid; after the first, both chains
             continue from the better route.
         goal_stages: the same for another coverage value, and for a route whose gaps were closed.
-        goal_closing: closing the gaps and searching again if a search ends slightly short of its goal; ...
-        goal_closing_far: ... and if it ends far from it.
+        goal_repair: closing the gaps and searching again if a search ends slightly short of its goal; ...
+        goal_repair_far: ... and if it ends far from it.
         goal_coarse: of a search for nearly all of the ground, before the finest cells.
         goal_waypoints: searches for fewer waypoints; ...
         goal_waypoint_stages: ... and the stages of each.
         free_tours: of a search in any order, for shortest tours once a route reaches the target coverage; ...
-        free_tours_asked: ... the same if the selection rule requires a coverage and chooses by cost; ...
+        free_tours_required: ... the same if the selection rule requires a coverage and chooses by cost; ...
         free_tours_of_discs: ... the same if it requires full coverage and the sensor is a disc: both chains rebuild tours.
         free_rebuilt_stages: ends of the stages of the latter; after each, both chains take the better tour.
         free_quench: first, a cold search from the initial solutions, so that a search that is stopped early has a result.
@@ -65,7 +65,7 @@ class Shares:
     optimizer: float = 0.05
     bent_lines: float = 0.01
     late_lines: float = 0.02
-    mended: float = 0.3
+    repaired: float = 0.3
     judging: float = 0.06
     judging_of_fewest: float = 0.3
     judging_baselines: float = 0.01
@@ -80,13 +80,13 @@ class Shares:
     goal_main: float = 0.7
     goal_main_stages: tuple[float, ...] = (0.35, 0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 1.0)
     goal_stages: tuple[float, ...] = (0.5, 0.85, 1.0)
-    goal_closing: float = 0.15
-    goal_closing_far: float = 0.3
+    goal_repair: float = 0.15
+    goal_repair_far: float = 0.3
     goal_coarse: float = 0.5
     goal_waypoints: float = 0.15
     goal_waypoint_stages: tuple[float, ...] = (0.4, 0.8, 1.0)
     free_tours: float = 0.4
-    free_tours_asked: float = 0.8
+    free_tours_required: float = 0.8
     free_tours_of_discs: float = 0.85
     free_rebuilt_stages: tuple[float, ...] = (0.35, 0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 1.0)
     free_quench: float = 0.2
@@ -98,7 +98,7 @@ class Shares:
     free_attempt: float = 0.25
 
 
-SHARES: Final = Shares()
+FRACTIONS: Final = Fractions()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,13 +110,13 @@ class CommandTime:
     now: Callable[[], float] = time.monotonic  # the clock
     should_stop: Callable[[], bool] = lambda: False  # whether the user wants the best there is
 
-    def left_s(self, *, share: float = 1.0) -> float:
+    def left_s(self, *, fraction: float = 1.0) -> float:
         """Time left of a fraction of the budget, 0 at least; infinite without a budget."""
         if self.should_stop():
             return 0.0
         if self.budget_s is None:
             return math.inf
-        return max(0.0, self.begun_s + share * self.budget_s - self.now())
+        return max(0.0, self.begun_s + fraction * self.budget_s - self.now())
 
 
 class StageTimes:
@@ -131,11 +131,13 @@ class StageTimes:
         self._now, self._budget_s = now, budget_s
 
     @contextmanager
-    def stage(self, name: str, share: float | None = None) -> Iterator[None]:
+    def stage(self, name: str, fraction: float | None = None) -> Iterator[None]:
         """A stage, with its fraction of the budget where it has one."""
         begin = self._now()
         try:
             yield
         finally:
-            allotted = "" if share is None or self._budget_s is None else f"{share * self._budget_s:7.2f} s allotted,"
+            allotted = (
+                "" if fraction is None or self._budget_s is None else f"{fraction * self._budget_s:7.2f} s allotted,"
+            )
             _log.info("%-24s%-20s%7.2f s used", name, allotted, self._now() - begin)

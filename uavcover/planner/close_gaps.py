@@ -19,7 +19,7 @@ from uavcover.missions.objectives import judge_member
 from uavcover.model.route import Plan, Route
 from uavcover.model.track import Track
 from uavcover.model.verdict import VerificationReport
-from uavcover.planner.gap_route import ClosingRoute, plan_closing_route
+from uavcover.planner.gap_route import GapRoute, plan_gap_route
 from uavcover.planner.plan_files import save_plan
 from uavcover.run.documents import GAP_FOLDER, flown_tracks
 from uavcover.run.folder import OF_A_PLAN, PLAN_FILES, RunFolder
@@ -30,7 +30,7 @@ from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicles import own_sensors, vehicle_sites
 from uavcover.sensing.site_maps import map_for
-from uavcover.verification.command import judge_run, say_inputs
+from uavcover.verification.command import judge_run, print_inputs
 from uavcover.verification.gaps import gaps_geojson
 from uavcover.verification.run_logs import read_log
 from uavcover.verification.verify import Verdict
@@ -62,7 +62,7 @@ class GapRequest:
 class GapMission:
     """A mission that observes what a flight has missed."""
 
-    closing: ClosingRoute  # the route, and what it observes of the gaps
+    repair: GapRoute  # the route, and what it observes of the gaps
     compiled: CompiledMission  # the mission, from take-off at home to landing there
     # the same route from the current position of a vehicle in the air; None without such a vehicle
     continuation: CompiledMission | None
@@ -93,8 +93,8 @@ def close_gaps(
     run.remove(GAP_FILES)
     site, verdict, sources, inputs = judge_run(run, user, logs=judged, accepted=request.accepted, system=request.system)
     report = verdict.report
-    say_inputs(user, inputs)
-    _say_gaps(user, report)
+    print_inputs(user, inputs)
+    _print_gaps(user, report)
     document: dict[str, Any] = {
         "run": str(run),
         "tracks": sources,
@@ -124,19 +124,19 @@ def close_gaps(
         "mission": str(run.file("gap_mission.waypoints")),
         "folder": str(folder),
         "start": start.value,
-        "waypoint_count": len(mission.closing.route),
+        "waypoint_count": len(mission.repair.route),
         "path_length_m": length_m,
         "flight_time_s": mission.wanted.flight_time_s,
         "coverage_after": mission.coverage_after,
         "target_met": mission.plan.rule_met,
     }
     user.say(
-        f"gap mission       {len(mission.closing.route)} waypoints, {length_m:.0f} m and "
+        f"gap mission       {len(mission.repair.route)} waypoints, {length_m:.0f} m and "
         f"{mission.wanted.flight_time_s:.0f} s including transits; coverage afterwards: "
         f"{percent(mission.coverage_after)} of the visible ground"
     )
-    if mission.closing.seen_m2 < mission.closing.wanted_m2 and target is None:
-        left_m2 = mission.closing.wanted_m2 - mission.closing.seen_m2
+    if mission.repair.observed_m2 < mission.repair.wanted_m2 and target is None:
+        left_m2 = mission.repair.wanted_m2 - mission.repair.observed_m2
         user.warn(f"{left_m2:.0f} square metres of the gaps remain open: no leg within the limits observes them")
     if not mission.plan.rule_met and target is not None:
         user.warn(f"no gap mission reaches {percent(target)}; the best one was written")
@@ -161,7 +161,7 @@ def commands_after_gaps(run: RunFolder, request: GapRequest) -> list[str]:
     return [*commands, to_paste("verify", run, *(word for path in logs for word in ("--log", path)))]
 
 
-def _say_gaps(user: User, report: VerificationReport) -> None:
+def _print_gaps(user: User, report: VerificationReport) -> None:
     areas: dict[str, float] = defaultdict(float)
     for gap in report.gaps:
         areas[gap.reason] += gap.area_m2
@@ -207,7 +207,7 @@ def plan_gap_mission(
     if site.home_m is None:
         raise InputError(f"scenario {site.scenario.name} has no [home], where a mission takes off and lands")
     started = time.monotonic()
-    coverage, seen = verdict.coverage, verdict.flown.seen
+    coverage, observed = verdict.coverage, verdict.flown.observed
     missing = np.zeros(coverage.grid.count, dtype=bool)
     for region in verdict.gaps:
         if region.gap.coverable and region.gap.area_m2 >= min_area_m2:
@@ -219,25 +219,25 @@ def plan_gap_mission(
         raise InfeasibleError("there are no gaps to close: none is visible and large enough")
     needed_m2 = None
     if target is not None:
-        lacking = target - coverage.share_of_coverable(seen)
+        lacking = target - coverage.fraction_of_coverable(observed)
         if lacking <= 0.0:
             raise InfeasibleError(f"there are no gaps to close: the flight already reached {100 * target:g} %")
         needed_m2 = lacking * float(coverage.grid.weight_m2[coverage.coverable].sum())
-    start_m = site.home_m if in_the_air is None else _last_place_m(site, in_the_air)
-    closing = plan_closing_route(eyes, missing, start_m=start_m, end_m=site.home_m, needed_m2=needed_m2)
-    compiled = compile_mission(site, closing.route)
-    continuation = None if in_the_air is None else _continuation(site, closing.route, in_the_air)
-    route = closing.route
+    start_m = site.home_m if in_the_air is None else _last_position_m(site, in_the_air)
+    repair = plan_gap_route(eyes, missing, start_m=start_m, end_m=site.home_m, needed_m2=needed_m2)
+    compiled = compile_mission(site, repair.route)
+    continuation = None if in_the_air is None else _continuation(site, repair.route, in_the_air)
+    route = repair.route
     member = judge_member(eyes, route, "gap-closing", margin_m=site.scenario.limits.height_margin_m)
-    after = coverage.share_of_coverable(seen | eyes.seen(route.waypoints_m))
+    after = coverage.fraction_of_coverable(observed | eyes.observed(route.waypoints_m))
     plan = Plan(
         chosen=member, members=(member,), baselines=(), rule="gaps", rule_met=target is None or after >= target,
         algorithm="gap-closing", evaluations=0, wall_s=time.monotonic() - started,
     )  # fmt: skip
-    return GapMission(closing, compiled, continuation, plan, after)
+    return GapMission(repair, compiled, continuation, plan, after)
 
 
-def _last_place_m(site: Site, track: Track) -> FloatArray:
+def _last_position_m(site: Site, track: Track) -> FloatArray:
     """(3,) ENU of the last sample, by its geodetic columns.
 
     Raises:
@@ -246,8 +246,8 @@ def _last_place_m(site: Site, track: Track) -> FloatArray:
     if site.frame is None:
         raise InputError(f"scenario {site.scenario.name} has no position on Earth; add an [origin]")
     lat_deg, lon_deg, alt_amsl_m = track.geodetic[-1].tolist()
-    place_m: FloatArray = site.frame.enu_from_geodetic(lat_deg, lon_deg, alt_amsl_m)[0]
-    return place_m
+    position_m: FloatArray = site.frame.enu_from_geodetic(lat_deg, lon_deg, alt_amsl_m)[0]
+    return position_m
 
 
 def _continuation(site: Site, route: Route, track: Track) -> CompiledMission:

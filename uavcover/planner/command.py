@@ -15,41 +15,41 @@ from uavcover.errors import INTERRUPTED, InfeasibleError, InputError
 from uavcover.missions.flights import compile_flights, one_or_several
 from uavcover.missions.mission_compiler import CompiledMission, Sortie, check_fence
 from uavcover.missions.objectives import judge_route
-from uavcover.missions.way_cost import check_reach
+from uavcover.missions.path_cost import check_reach
 from uavcover.model.area import RasterTerrain
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.vehicle import AutopilotName, autopilot_name
-from uavcover.planner.budget import SHARES, CommandTime, StageTimes
+from uavcover.planner.budget import FRACTIONS, CommandTime, StageTimes
 from uavcover.planner.fleet_parts import part_sites
 from uavcover.planner.pareto_file import read_pareto, read_pareto_routes
-from uavcover.planner.plan_files import bounds, fleet_document, least_length_m, save_plan, say_fleet
-from uavcover.planner.plan_search import SearchRequest, plan_and_site
-from uavcover.planner.plan_words import (
-    progress_in_words,
-    room_in_words,
-    say_hidden,
-    say_missions,
-    say_older,
-    say_plan,
-    say_size,
-    say_steps,
-    say_summary,
-    say_window,
-    say_zones,
+from uavcover.planner.plan_files import bounds, fleet_document, least_length_m, print_fleet, save_plan
+from uavcover.planner.plan_messages import (
+    print_hidden,
+    print_missions,
+    print_older,
+    print_plan,
+    print_size,
+    print_steps,
+    print_summary,
+    print_window,
+    print_zones,
+    progress_text,
+    room_text,
     telling_bounds,
 )
+from uavcover.planner.plan_search import SearchRequest, plan_and_site
 from uavcover.planner.planner import SearchProgress
 from uavcover.planner.selection_rule import Rule, missing_index, parse_rule, select, with_sizes
 from uavcover.plugins import loaded
-from uavcover.run.documents import bounds_in_words, read_plan_document
+from uavcover.run.documents import bounds_text, read_plan_document
 from uavcover.run.folder import OF_A_PLAN, PARTS, PLAN_FILES, RunFolder
 from uavcover.run.user import ProgressBar, StopRequests, User
 from uavcover.scenario.scenario_file import terrain_source
 from uavcover.scenario.site import Site, load_site
 from uavcover.scenario.vehicles import groups_of, own_sensors, vehicle_sites
-from uavcover.sensing.pictures import overlap_shortfall, planned_pictures
+from uavcover.sensing.photos import overlap_shortfall, planned_photos
 from uavcover.sensing.site_maps import is_large, judging_map, planning_map
-from uavcover.terrain.suspect_heights import trust_asked_for
+from uavcover.terrain.suspect_heights import confirmed_trust
 
 _QUICK_BOUNDS_CELLS_1_S = 80_000
 """Bounds without a solver look at about this number of cells in a second."""
@@ -145,25 +145,26 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
             )  # fmt: skip
         if not result.interrupted:
             shutil.rmtree(run.file(PARTS), ignore_errors=True)
-    say_older(user, older)
+    print_older(user, older)
     if refused is not None:
         raise InfeasibleError(f"{refused}; wrote {run.file('plan.json')}, but no mission files") from refused
-    say_summary(user, site, result, flights)
+    print_summary(user, site, result, flights)
     shown = bounds if request.bounds_s is not None else telling_bounds(site, bounds)
-    say_plan(
-        user, run, site, result, bounds_in_words(shown), time.monotonic() - started, asked=_asked(site, request, result)
-    )
-    say_zones(user, site, result.chosen.metrics)
-    say_steps(user, site)
-    say_hidden(user, site)
-    if "shortest_path_m" in shown and (small := _objective_in_words(site)) is not None:
+    print_plan(
+        user, run, site, result, bounds_text(shown), time.monotonic() - started,
+        requirement=_requirement(site, request, result),
+    )  # fmt: skip
+    print_zones(user, site, result.chosen.metrics)
+    print_steps(user, site)
+    print_hidden(user, site)
+    if "shortest_path_m" in shown and (small := _objective_text(site)) is not None:
         user.say(f"the plan is optimised for total mission {small} (the last column), not for route length")
-    if flights and (warning := room_in_words(site.scenario.limits, result.chosen.metrics)):
+    if flights and (warning := room_text(site.scenario.limits, result.chosen.metrics)):
         user.warn(warning)
-    say_missions(user, run, compiled, sorties)
-    say_fleet(user, fleet)
-    say_size(user, result)
-    say_window(user, site, flights)
+    print_missions(user, run, compiled, sorties)
+    print_fleet(user, fleet)
+    print_size(user, result)
+    print_window(user, site, flights)
     interrupted = result.interrupted or stops.any()
     if interrupted and not result.interrupted:
         user.warn(f"interrupted after the search; the complete plan was written to {run}")
@@ -217,12 +218,12 @@ def _check_heights(site: Site, user: User) -> None:
     """
     terrain = site.scenario.terrain
     if isinstance(terrain, RasterTerrain) and site.frame is not None:
-        trust_asked_for(
+        confirmed_trust(
             terrain_source(terrain), terrain.vertical_datum, site.fence, site.frame, user, trusted=terrain.trust_heights
         )
 
 
-def _objective_in_words(site: Site) -> str | None:
+def _objective_text(site: Site) -> str | None:
     """Objective of the whole mission, as text; None where the objective is the route's alone."""
     return {"mission-time": "time", "energy": "energy"}.get(site.scenario.objective)
 
@@ -232,7 +233,7 @@ def _overlap_missed(site: Site, route: Route, sorties: Sequence[Sortie]) -> str 
     if site.scenario.requirements.min_overlap_fraction is None:
         return None
     routes = [sortie.route.waypoints_m for sortie in sorties] or [route.waypoints_m]
-    return overlap_shortfall(site.scenario, planned_pictures(judging_map(site), routes))
+    return overlap_shortfall(site.scenario, planned_photos(judging_map(site), routes))
 
 
 def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: ProgressBar, kept: Path) -> tuple[Plan, Site]:
@@ -248,7 +249,7 @@ def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: Progress
         done = float(progress.evaluations) if budget_s is None else min(time.monotonic() - started, budget_s)
         furthest = max(furthest, done)  # one bar from the start to the end, across all stages of the search
         total = progress.total if budget_s is None else budget_s
-        bar.update(furthest, total=total, note=progress_in_words(progress, unit, least_m))
+        bar.update(furthest, total=total, note=progress_text(progress, unit, least_m))
         if site.frame is not None and (route := progress.incumbent) is not None:
             frame = site.frame
             bar.draw(lambda: np.column_stack(frame.geodetic_from_enu(route.waypoints_m)[1::-1]).tolist())
@@ -270,7 +271,7 @@ def _bounds(site: Site, request: PlanRequest, result: Plan, user: User) -> dict[
     if request.bounds_s is None and request.budget_s is not None:
         limit = CommandTime(begun_s=request.begun_s or time.monotonic(), budget_s=request.budget_s)
         takes_s = judging_map(site).grid.count / _QUICK_BOUNDS_CELLS_1_S
-        in_time = limit.left_s(share=1.0 + SHARES.late_bounds) >= takes_s
+        in_time = limit.left_s(fraction=1.0 + FRACTIONS.late_bounds) >= takes_s
         return bounds(site, result, time_s=0.0) if in_time else bounds(site)
     if request.bounds_s is None:
         return bounds(site, result)
@@ -278,7 +279,7 @@ def _bounds(site: Site, request: PlanRequest, result: Plan, user: User) -> dict[
     return bounds(site, result, time_s=request.bounds_s)
 
 
-def _asked(site: Site, request: PlanRequest, result: Plan) -> str:
+def _requirement(site: Site, request: PlanRequest, result: Plan) -> str:
     """Requirement on the chosen route, as text: the rule, and the most waypoints where they are limited."""
     planner = site.scenario.planner
     most = request.max_waypoints or planner.max_waypoints

@@ -20,7 +20,7 @@ from uavcover.scenario.vehicles import Piece, polygons_of
 
 _DIRECTIONS = 12
 _BISECTIONS = 14
-_CUT_PRICE = 1.0
+_CUT_COST = 1.0
 """Metres of flight for a metre of cut: half a swath that is observed twice along it, or two turns a swath across it."""
 _WEDGES = 4
 """This number of wedges around home is tried where a piece lies all around it."""
@@ -33,7 +33,7 @@ class FlightWork:
     swath_m: float  # width of ground that one line observes
     home_en: tuple[float, float] | None = None  # (east, north) of the take-off position, None without one
 
-    def way_m(self, piece: Piece) -> float:
+    def transit_m(self, piece: Piece) -> float:
         """Length of the transit between home and a piece, up to where the piece is as wide as a swath. 0 without a home."""
         if self.home_en is None:
             return 0.0
@@ -44,7 +44,7 @@ class FlightWork:
 
     def of(self, piece: Piece, parts: int) -> float:
         """Metres of flight to cover a piece in ``parts`` flights."""
-        return float(piece.area) / self.swath_m + parts * self.way_m(piece)
+        return float(piece.area) / self.swath_m + parts * self.transit_m(piece)
 
 
 def flight_work(site: Site) -> FlightWork:
@@ -57,14 +57,14 @@ def flight_work(site: Site) -> FlightWork:
     )
 
 
-def divide(area: Piece, count: int, work: FlightWork, shares: Sequence[float] | None = None) -> list[Piece]:
+def divide(area: Piece, count: int, work: FlightWork, fractions: Sequence[float] | None = None) -> list[Piece]:
     """Divide an area into parts of equal work, or of work in given proportions.
 
     Args:
         area: east, north metres; may have holes and several polygons.
         count: number of parts, at least 1.
         work: cost of flights.
-        shares: (count,) of the work, in any unit, above 0; default: equal ones.
+        fractions: (count,) of the work, in any unit, above 0; default: equal ones.
 
     Returns:
         (count,) parts that cover the area without overlap, in the order of the cuts.
@@ -72,15 +72,15 @@ def divide(area: Piece, count: int, work: FlightWork, shares: Sequence[float] | 
     if count == 1:
         return [area]
     first = count // 2
-    amounts = [1.0] * count if shares is None else list(shares)
+    amounts = [1.0] * count if fractions is None else list(fractions)
     wanted = sum(amounts[:first]), sum(amounts[first:])
     best: tuple[float, Piece, Piece] | None = None
     for one, other, cut_m in _cuts(area, first, count - first, work, wanted):
         if one.is_empty or other.is_empty:
             continue
-        price = _CUT_PRICE * cut_m + first * work.way_m(one) + (count - first) * work.way_m(other)
-        if best is None or price < best[0] - 1e-6:
-            best = price, one, other
+        cost = _CUT_COST * cut_m + first * work.transit_m(one) + (count - first) * work.transit_m(other)
+        if best is None or cost < best[0] - 1e-6:
+            best = cost, one, other
     if best is None:
         return [area]
     return divide(best[1], first, work, amounts[:first]) + divide(best[2], count - first, work, amounts[first:])
@@ -100,8 +100,8 @@ def _cuts(
             # Between two rays from home; the first one lies, the second one turns until the work is shared.
             angle = _begin_rad(piece, home) + begin * 2.0 * math.pi / _WEDGES
 
-            def wedge(share: float, angle: float = angle) -> shapely.Geometry:
-                return _wedge(home, angle, share * 2.0 * math.pi, far_m)
+            def wedge(fraction: float, angle: float = angle) -> shapely.Geometry:
+                return _wedge(home, angle, fraction * 2.0 * math.pi, far_m)
 
             yield _balanced(piece, first, second, work, wanted, wedge)
             if not piece.contains(shapely.Point(home)):
@@ -110,11 +110,11 @@ def _cuts(
         angle = k * math.pi / _DIRECTIONS
         along, across = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
 
-        def half(share: float, along: FloatArray = along, across: FloatArray = across) -> shapely.Polygon:
+        def half(fraction: float, along: FloatArray = along, across: FloatArray = across) -> shapely.Polygon:
             low = middle - reach_m * along - reach_m * across
             return shapely.Polygon(
                 [low, low + 2.0 * reach_m * along, *(
-                    low + end * 2.0 * reach_m * along + share * 2.0 * reach_m * across for end in (1.0, 0.0)
+                    low + end * 2.0 * reach_m * along + fraction * 2.0 * reach_m * across for end in (1.0, 0.0)
                 )]
             )  # fmt: skip
 
@@ -150,14 +150,14 @@ def _balanced(
     """The cut that divides the work in proportion."""
     low, high = 0.0, 1.0
     for _ in range(_BISECTIONS):
-        share = 0.5 * (low + high)
-        one = polygons_of(piece.intersection(side(share)))
-        other = polygons_of(piece.difference(side(share)))
+        fraction = 0.5 * (low + high)
+        one = polygons_of(piece.intersection(side(fraction)))
+        other = polygons_of(piece.difference(side(fraction)))
         if one.is_empty or (
             not other.is_empty and work.of(one, first) / wanted[0] < work.of(other, second) / wanted[1]
         ):
-            low = share
+            low = fraction
         else:
-            high = share
+            high = fraction
     cut_m = 0.5 * (one.length + other.length - piece.length)
     return one, other, cut_m

@@ -24,10 +24,10 @@ from uavcover.model.route import Route
 from uavcover.planner.search.route_problem import SAFETY, RouteProblem, route_problem, state_of, with_safety
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.flown_line import corners_flown, corners_matter, line_flown, pictures_on
+from uavcover.sensing.flown_line import corners_flown, corners_matter, line_flown, photos_on
 from uavcover.sensing.sensors import trigger_distance_m
 
-_SPARE_SHARES = (0.0, 0.001, 0.004, 0.016, 0.063, 0.25, 1.0)
+_SPARE_FRACTIONS = (0.0, 0.001, 0.004, 0.016, 0.063, 0.25, 1.0)
 """Fraction of the spare coverage that one waypoint may cost, sweep by sweep. Waypoints that cost nothing go first."""
 
 _ATTEMPTS = 5
@@ -41,17 +41,17 @@ def simplified(
     judges: Sequence[CoverageMap],
     route: Route,  # keeps the limits
     *,
-    asked: float | None,  # required coverage of the visible ground, if any
+    required: float | None,  # required coverage of the visible ground, if any
     # whether the time is over: called between attempts and between sweeps. The first sweep is made all the same.
     is_over: Callable[[], bool] = lambda: False,
 ) -> Route | None:
     """A route without the waypoints that limits, cost and coverage do not need; None if it needs all.
 
-    Coverage is counted exactly. Coverage beyond ``asked`` may decrease, except for the margin that the search keeps. Without
-    ``asked``, or below it, coverage may not decrease.
+    Coverage is counted exactly. Coverage beyond ``required`` may decrease, except for the margin that the search keeps. Without
+    ``required``, or below it, coverage may not decrease.
     """
-    before = [_seen(each, route) for each in judges]
-    least = [least_seen(seen, asked, finer=number > 0) for number, seen in enumerate(before)]
+    before = [_observed(each, route) for each in judges]
+    least = [least_coverage(observed, required, finer=number > 0) for number, observed in enumerate(before)]
     attempts = 0
     # What loses nothing on the judging cells may do so on finer ones, and is then counted there.
     for judge, had, wanted in zip(judges, before, least, strict=True):
@@ -62,11 +62,11 @@ def simplified(
             attempts += 1
             state = state_of(problem, route, capacity=len(route))
             _sweep(problem, state, slack, is_over)
-            simpler = surely(judge.site, Route(snapshot(state)))
+            simpler = certainly(judge.site, Route(snapshot(state)))
             if len(simpler) >= len(route):
                 return None
             # Kernels count photos by distance as if every leg had them everywhere.
-            lacks = max(needed - _seen(each, simpler) for each, needed in zip(judges, least, strict=True))
+            lacks = max(needed - _observed(each, simpler) for each, needed in zip(judges, least, strict=True))
             if lacks <= _ROUNDING:
                 return simpler
             if slack == 0.0:
@@ -78,9 +78,9 @@ def simplified(
 def _sweep(problem: RouteProblem, state: RouteState, slack: float, is_over: Callable[[], bool] = lambda: False) -> None:
     """Remove and merge waypoints until none can go or the time is over; lose no more coverage than ``slack``."""
     fewest = 1 if problem.numbers.limits.legs == 0 else 2
-    least = float(state.seen[0]) - slack - _ROUNDING
-    for share in _SPARE_SHARES:
-        take_out(problem.numbers, state, fewest, least, share * slack + _ROUNDING)
+    least = float(state.observed[0]) - slack - _ROUNDING
+    for fraction in _SPARE_FRACTIONS:
+        take_out(problem.numbers, state, fewest, least, fraction * slack + _ROUNDING)
         if is_over():
             return
     for change in (take_out, merge):
@@ -89,21 +89,21 @@ def _sweep(problem: RouteProblem, state: RouteState, slack: float, is_over: Call
                 return
 
 
-def _seen(judge: CoverageMap, route: Route) -> float:
-    return judge.share_of_coverable(judge.seen(route.waypoints_m))
+def _observed(judge: CoverageMap, route: Route) -> float:
+    return judge.fraction_of_coverable(judge.observed(route.waypoints_m))
 
 
-def least_seen(seen: float, asked: float | None, *, finer: bool) -> float:
+def least_coverage(observed: float, required: float | None, *, finer: bool) -> float:
     """Least coverage of a changed route, as a fraction of the visible ground.
 
     Args:
-        seen: by the route as it is.
-        asked: required coverage, if any.
+        observed: by the route as it is.
+        required: required coverage, if any.
         finer: whether the cells are finer than the evaluation grid.
     """
     if finer:
-        return asked if asked is not None and seen >= asked else seen - SAFETY
-    return min(seen, with_safety(asked)) if asked is not None and seen >= asked else seen
+        return required if required is not None and observed >= required else observed - SAFETY
+    return min(observed, with_safety(required)) if required is not None and observed >= required else observed
 
 
 def _problem(judging: CoverageMap) -> RouteProblem:
@@ -113,7 +113,7 @@ def _problem(judging: CoverageMap) -> RouteProblem:
     return route_problem(judging, margin_m=0.0, reach_m=reach_m)
 
 
-_CUT_SHARES = (1.0, 1.5, 2.0, 3.0, 0.5, -1.0, -2.0)
+_CUT_FRACTIONS = (1.0, 1.5, 2.0, 3.0, 0.5, -1.0, -2.0)
 """Fractions of the corner cut by which a waypoint moves.
 
 First outward, so that the vehicle passes the original waypoint; at last inward, where the ground outside is worse.
@@ -173,15 +173,18 @@ def _moved(site: Site, points_m: FloatArray, number: int) -> FloatArray:
     """The (n, 3) points with one moved so that corners exceed limits least and legs no more than before."""
     begin = max(number - 1, 0)
     beside_m = points_m[begin : number + 2]
-    places_m = corners_flown(site, beside_m)
-    if places_m is None:
+    positions_m = corners_flown(site, beside_m)
+    if positions_m is None:
         return points_m
-    outward_m = points_m[number] - places_m[number - begin, places_m.shape[1] // 2]
+    outward_m = points_m[number] - positions_m[number - begin, positions_m.shape[1] // 2]
     best_m, least_m = points_m, corner_excess_around_m(site, points_m, number)
     broken = _broken(site, beside_m)
     off_m = corner_heights_off_m(site, points_m[max(number - 2, 0) : number + 3])[min(number, 2)]
     down_m = np.array([0.0, 0.0, -off_m])
-    moves = [*(share * down_m for share in _LOWER if off_m != 0.0), *(share * outward_m for share in _CUT_SHARES)]
+    moves = [
+        *(fraction * down_m for fraction in _LOWER if off_m != 0.0),
+        *(fraction * outward_m for fraction in _CUT_FRACTIONS),
+    ]
     for move_m in moves:
         moved_m = points_m.copy()
         moved_m[number] += move_m
@@ -204,9 +207,9 @@ _MOST_TRIES = 40
 """Each moves one waypoint by a metre at most. A plan of 25 waypoints takes three; where they do not end, photos stay unsure."""
 
 
-def surely(site: Site, route: Route) -> Route:
+def certainly(site: Site, route: Route) -> Route:
     """The route, or the same route with sure photos if that keeps the limits equally well."""
-    other = with_sure_pictures(site, route)
+    other = with_sure_photos(site, route)
     if other is None:
         return route
     margin_m = site.scenario.limits.height_margin_m
@@ -216,14 +219,14 @@ def surely(site: Site, route: Route) -> Route:
     return other if after <= before else route
 
 
-def with_sure_pictures(site: Site, route: Route) -> Route | None:
+def with_sure_photos(site: Site, route: Route) -> Route | None:
     """A route with the same photos, all of them sure; None if they already are, or cannot be.
 
     A waypoint keeps its height above ground. The caller checks limits and coverage.
     """
     points = np.array(route.waypoints_m)
     for tries in range(_MOST_TRIES):
-        unsure = next(unsure_pictures(site, points), None)
+        unsure = next(unsure_photos(site, points), None)
         if unsure is None:
             return Route(points, route.begins) if tries > 0 else None
         # The nearest waypoint is that of the corner, or the end.
@@ -245,7 +248,7 @@ LEAST_SPARE_M = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class UnsurePicture:
+class UnsurePhoto:
     """A photo that is unsure."""
 
     turning_m: FloatArray  # (3,) ENU place where the line turns back to the last photo, or ends
@@ -254,31 +257,31 @@ class UnsurePicture:
     spare_m: float
 
 
-def unsure_pictures(site: Site, route_m: FloatArray) -> Iterator[UnsurePicture]:
+def unsure_photos(site: Site, route_m: FloatArray) -> Iterator[UnsurePhoto]:
     """Unsure photos along an (n, 3) ENU route as flown, in their order; nothing if corners are flown exactly."""
     trigger_m = trigger_distance_m(site.scenario)
     if trigger_m is None or not corners_matter(site) or len(route_m) < 2:
         return
-    line_m = line_flown(site, route_m).places_m
-    legs, places_m = pictures_on(line_m, trigger_m)
-    for number, (leg, place_m) in enumerate(zip(legs, places_m, strict=True)):
+    line_m = line_flown(site, route_m).positions_m
+    legs, positions_m = photos_on(line_m, trigger_m)
+    for number, (leg, position_m) in enumerate(zip(legs, positions_m, strict=True)):
         is_last = number + 1 == len(legs)
         due = len(line_m) if is_last else int(legs[number + 1]) + 1
         # Between most photos the line is straight.
         turns = due - leg > 2
-        missed = _turned_back(line_m[leg + 1 : due], place_m, least_m=trigger_m - LEAST_SPARE_M) if turns else None
+        missed = _turned_back(line_m[leg + 1 : due], position_m, least_m=trigger_m - LEAST_SPARE_M) if turns else None
         if missed is not None:
-            yield _unsure(missed, place_m, trigger_m)
+            yield _unsure(missed, position_m, trigger_m)
         if not is_last:
-            taken = _barely_passed(places_m[number + 1], line_m, due, place_m, trigger_m)
+            taken = _barely_passed(positions_m[number + 1], line_m, due, position_m, trigger_m)
             if taken is not None:
-                yield _unsure(taken, place_m, trigger_m)
+                yield _unsure(taken, position_m, trigger_m)
 
 
-def _unsure(turning_m: FloatArray, from_m: FloatArray, trigger_m: float) -> UnsurePicture:
+def _unsure(turning_m: FloatArray, from_m: FloatArray, trigger_m: float) -> UnsurePhoto:
     away = turning_m[:2] - from_m[:2]
     reach_m = float(np.hypot(*away))
-    return UnsurePicture(turning_m, away / reach_m, reach_m - trigger_m)
+    return UnsurePhoto(turning_m, away / reach_m, reach_m - trigger_m)
 
 
 def _turned_back(points_m: FloatArray, from_m: FloatArray, *, least_m: float) -> FloatArray | None:
@@ -289,10 +292,10 @@ def _turned_back(points_m: FloatArray, from_m: FloatArray, *, least_m: float) ->
 
 
 def _barely_passed(
-    picture_m: FloatArray, line_m: FloatArray, first: int, from_m: FloatArray, trigger_m: float
+    photo_m: FloatArray, line_m: FloatArray, first: int, from_m: FloatArray, trigger_m: float
 ) -> FloatArray | None:
     """Farthest point of a line from its last photo, if it ends or turns back within the tolerance of the next one."""
-    farthest_m, most_m = picture_m, trigger_m
+    farthest_m, most_m = photo_m, trigger_m
     for point_m in line_m[first:]:
         reach_m = math.hypot(point_m[0] - from_m[0], point_m[1] - from_m[1])
         if reach_m >= trigger_m + LEAST_SPARE_M:

@@ -9,17 +9,17 @@ import numpy as np
 
 from uavcover.errors import InfeasibleError
 from uavcover.kernels.arrays import IntArray
-from uavcover.kernels.way_cost import FlightCosts, battery_s
+from uavcover.kernels.path_cost import FlightCosts, battery_s
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.missions.objectives import flight_costs_along_transits
 from uavcover.model.route import Route, RouteMember
 from uavcover.model.scenario import PlannerSettings
-from uavcover.planner.final_changes import simplified, surely, with_sound_corners
+from uavcover.planner.final_changes import certainly, simplified, with_sound_corners
 from uavcover.planner.front import NamedRoute, judge_members, pareto_members, thinned, why_infeasible
-from uavcover.planner.search.closing import with_gaps_closed
+from uavcover.planner.search.repair import with_gaps_closed
 from uavcover.planner.search.route_problem import with_safety
 from uavcover.planner.search.tuning import TUNED
-from uavcover.planner.selection_rule import Rule, select, without_flukes
+from uavcover.planner.selection_rule import Rule, select, without_overfitted
 from uavcover.planner.sortie_order.reorder import OrderEffort, has_several_sorties, reordered
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
@@ -37,7 +37,7 @@ _MOST_UNSOUND = 20
 _MOST_NEAR, _MOST_CLOSED, _CHEAPER = 8, 2, 0.97
 """Gaps of this number of routes are repaired at the end, until this number succeed, at this fraction of the goal's cost."""
 
-_DEAR = 20.0
+_COSTLY = 20.0
 """Of these, the cheapest after repair come first: full coverage would cost this multiple of the route at its last rate.
 
 The factor was 17 to 80 in four cases of scripts/bench/kinds.py.
@@ -73,7 +73,7 @@ def choose(
         InfeasibleError: no route keeps the hard limits; names the limit, the position and the excess.
     """
     site = fine.site
-    feasible = _feasible_with_corners_mended(fine, judged, settings, rule, executor)
+    feasible = _feasible_with_corners_repaired(fine, judged, settings, rule, executor)
     if not feasible:
         early = "interrupted: so far " if interrupted else ""
         raise InfeasibleError(early + why_infeasible(site, judged))
@@ -84,7 +84,7 @@ def choose(
     confirmed = _confirmed(site, few, rule, cells=fine.grid.count)
     simpler: list[NamedRoute] = []
     if is_over is not None:
-        closed = _feasible(fine, _fluke_with_gaps_closed(site, few, confirmed, rule, is_over), executor)
+        closed = _feasible(fine, _overfitted_repaired(site, few, confirmed, rule, is_over), executor)
         if closed and _is_few_enough(closed[0], settings):
             confirmed = _confirmed(site, [*confirmed, *closed], rule, cells=fine.grid.count)
         simpler = _simplified(site, confirmed, rule, is_over)
@@ -93,7 +93,7 @@ def choose(
         others = _in_other_order(site, confirmed, rule, order, is_over)
         confirmed += [member for member in _feasible(fine, others, executor) if _is_few_enough(member, settings)]
         simpler += others
-    confirmed = _with_legs_that_fit(fine, _with_sure_pictures(fine, confirmed, rule, executor), rule, executor)
+    confirmed = _with_legs_that_fit(fine, _with_sure_photos(fine, confirmed, rule, executor), rule, executor)
     pareto = thinned(pareto_members(confirmed), rule)
     choice = select(pareto, rule)
     route = pareto[choice.index]
@@ -108,7 +108,7 @@ def choose_at_once(
     Raises:
         InfeasibleError: no route keeps the hard limits.
     """
-    feasible = _feasible_with_corners_mended(fine, judged, settings, rule, None)
+    feasible = _feasible_with_corners_repaired(fine, judged, settings, rule, None)
     if not feasible:
         raise InfeasibleError(("interrupted: so far " if interrupted else "") + why_infeasible(fine.site, judged))
     members = _with_legs_that_fit(fine, _few_enough(feasible, settings), rule, None)
@@ -123,7 +123,7 @@ def _feasible(fine: CoverageMap, routes: Sequence[NamedRoute], executor: Executo
     return [member for member in judge_members(fine, sound, executor) if member.violation <= 0.0]
 
 
-def _feasible_with_corners_mended(
+def _feasible_with_corners_repaired(
     fine: CoverageMap,
     judged: Sequence[RouteMember],
     settings: PlannerSettings,
@@ -147,10 +147,10 @@ def _feasible_with_corners_mended(
         chosen = _chosen_so_far(_few_enough(members, settings), rule)
         return next((one for one in members if one.violation > 0.0), None) if chosen is None else chosen
 
-    def mended(chosen: RouteMember) -> list[RouteMember] | None:
+    def repaired(chosen: RouteMember) -> list[RouteMember] | None:
         return None if chosen.violation <= 0.0 else _feasible(fine, [(chosen.route, chosen.origin)], executor)
 
-    members, _ = _replaced([*feasible, *unsound], choice, mended, most=_MOST_UNSOUND)
+    members, _ = _replaced([*feasible, *unsound], choice, repaired, most=_MOST_UNSOUND)
     return [member for member in members if member.violation <= 0.0]
 
 
@@ -171,8 +171,8 @@ def _confirmed(site: Site, members: list[RouteMember], rule: Rule, *, cells: int
     finer = finer_map(site)
     if finer is None:
         return members
-    return without_flukes(
-        members, rule, lambda route: finer.share_of_coverable(finer.seen(route.waypoints_m)), cells=cells
+    return without_overfitted(
+        members, rule, lambda route: finer.fraction_of_coverable(finer.observed(route.waypoints_m)), cells=cells
     )
 
 
@@ -184,26 +184,26 @@ def _nearly_with_gaps_closed(
     A search may end a few cells short of its goal, and the next route that reaches it may take two thirds longer
     (tests/random_kinds.py, case 12).
     """
-    chosen, asked = _chosen_so_far(members, rule), rule.required_coverage
-    if chosen is None or asked is None:
+    chosen, required = _chosen_so_far(members, rule), rule.required_coverage
+    if chosen is None or required is None:
         return []
-    most = _CHEAPER * chosen.metrics.cost if chosen.metrics.coverage_of_coverable >= asked else math.inf
+    most = _CHEAPER * chosen.metrics.cost if chosen.metrics.coverage_of_coverable >= required else math.inf
     found: list[tuple[float, RouteMember]] = []
     for member in members:
-        lacking = asked - member.metrics.coverage_of_coverable
-        closed_cost = member.metrics.cost * (1.0 + _DEAR * lacking)
+        lacking = required - member.metrics.coverage_of_coverable
+        closed_cost = member.metrics.cost * (1.0 + _COSTLY * lacking)
         if 0.0 < lacking <= TUNED.goal.most_short and closed_cost < most:
             found.append((closed_cost, member))
     routes: list[NamedRoute] = []
     for _, member in sorted(found, key=lambda each: each[0])[:_MOST_NEAR]:
         if len(routes) == _MOST_CLOSED or is_over():
             break
-        closed = _closed(fine, member.route, with_safety(asked), is_over)
+        closed = _closed(fine, member.route, with_safety(required), is_over)
         routes += [] if closed is None else [(closed, member.origin)]
     return routes
 
 
-def _fluke_with_gaps_closed(
+def _overfitted_repaired(
     site: Site,
     members: Sequence[RouteMember],
     confirmed: Sequence[RouteMember],
@@ -215,12 +215,12 @@ def _fluke_with_gaps_closed(
     The next best route may cost a third more, although this one is nearly sufficient (scripts/bench/kinds.py, ``city:tilted``,
     seed 2).
     """
-    chosen, finer, asked = _chosen_so_far(members, rule), finer_map(site), rule.required_coverage
-    if chosen is None or finer is None or asked is None or chosen.metrics.coverage_of_coverable < asked:
+    chosen, finer, required = _chosen_so_far(members, rule), finer_map(site), rule.required_coverage
+    if chosen is None or finer is None or required is None or chosen.metrics.coverage_of_coverable < required:
         return []
     if any(one is chosen for one in confirmed):
         return []
-    closed = _closed(finer, chosen.route, asked, is_over)
+    closed = _closed(finer, chosen.route, required, is_over)
     return [] if closed is None else [(closed, chosen.origin)]
 
 
@@ -235,7 +235,7 @@ def _simplified(
     chosen = _chosen_so_far(feasible, rule)
     if chosen is None:
         return []
-    simpler = simplified(judging_maps(site), chosen.route, asked=rule.required_coverage, is_over=is_over)
+    simpler = simplified(judging_maps(site), chosen.route, required=rule.required_coverage, is_over=is_over)
     return [] if simpler is None else [(simpler, chosen.origin)]
 
 
@@ -250,20 +250,20 @@ def _in_other_order(
     chosen = _chosen_so_far(feasible, rule)
     if chosen is None or not has_several_sorties(site, chosen.route):
         return []
-    judges, asked = judging_maps(site), rule.required_coverage
-    other = reordered(site, judges, chosen.route, order, asked=asked)
+    judges, required = judging_maps(site), rule.required_coverage
+    other = reordered(site, judges, chosen.route, order, required=required)
     if other is None:
         return []
-    simpler = None if is_over is None else simplified(judges, other, asked=asked, is_over=is_over)
+    simpler = None if is_over is None else simplified(judges, other, required=required, is_over=is_over)
     return [(route, chosen.origin) for route in (other, simpler) if route is not None]
 
 
-def _with_sure_pictures(
+def _with_sure_photos(
     fine: CoverageMap, members: list[RouteMember], rule: Rule, executor: Executor | None
 ) -> list[RouteMember]:
     """The members, with sure photos for the rule's choice if one of the first choices permits it."""
     found, is_sure = _replaced(
-        members, lambda left: _chosen_so_far(left, rule), lambda chosen: _made_of(chosen, surely, fine, executor),
+        members, lambda left: _chosen_so_far(left, rule), lambda chosen: _made_of(chosen, certainly, fine, executor),
         most=_MOST_UNSURE, confirmed=lambda left: _confirmed(fine.site, left, rule, cells=fine.grid.count),
     )  # fmt: skip
     return found if is_sure and select(pareto_members(found), rule).met else members
@@ -285,10 +285,10 @@ def _with_legs_that_fit(
 
 
 def _made_of(
-    chosen: RouteMember, mended: Callable[[Site, Route], Route], fine: CoverageMap, executor: Executor | None
+    chosen: RouteMember, repaired: Callable[[Site, Route], Route], fine: CoverageMap, executor: Executor | None
 ) -> list[RouteMember] | None:
     """A changed member that keeps the limits; None if its route does not change."""
-    route = mended(fine.site, chosen.route)
+    route = repaired(fine.site, chosen.route)
     return None if route is chosen.route else _feasible(fine, [(route, chosen.origin)], executor)
 
 

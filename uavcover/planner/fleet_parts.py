@@ -32,7 +32,7 @@ _MOST_MEMBERS = 60
 """This number of combinations of the parts' routes is judged, evenly spread over their coverages."""
 _SOONEST = 4
 """Combinations of the parts' routes that are compiled and scheduled: those with the shortest longest flights."""
-_FLUKE = 0.0004
+_OVERFIT = 0.0004
 """Fraction of the required coverage that may be missing on finer cells, as in the selection (``selection_rule.py``)."""
 
 
@@ -57,7 +57,7 @@ def part_sites(site: Site, paces: Sequence[float] | None = None) -> tuple[Site, 
         k: shared.of_vehicle[group[0]] for k, group in enumerate(groups) if group[0] in shared.of_vehicle
     }
     if shared.rest is not None:
-        areas |= dict(zip(others, _shared_out(shared.rest, [(firsts[k], speeds[k]) for k in others]), strict=True))
+        areas |= dict(zip(others, _allocated(shared.rest, [(firsts[k], speeds[k]) for k in others]), strict=True))
     return tuple(replace(own, area=areas[k]) for k, own in enumerate(firsts))
 
 
@@ -70,7 +70,7 @@ def first_paces(site: Site) -> list[float]:
     ]
 
 
-def _shared_out(rest: Piece, groups: Sequence[tuple[Site, float]]) -> list[Piece]:
+def _allocated(rest: Piece, groups: Sequence[tuple[Site, float]]) -> list[Piece]:
     """An area divided in proportion to the paces of groups, each part near its home if possible.
 
     Args:
@@ -199,7 +199,7 @@ class Soonest:
     _options: list[list[RouteMember]] = field(init=False)
     _times_s: list[list[float]] = field(init=False)
     _maps: list[tuple[float, list[CoverageMap]]] = field(init=False)
-    _seen: dict[tuple[int, int, int], BoolArray] = field(init=False, default_factory=dict)
+    _observed: dict[tuple[int, int, int], BoolArray] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         sites, sensor = vehicle_sites(self.site), self.site.scenario.sensor
@@ -207,7 +207,7 @@ class Soonest:
         self._maps = [(self.required, [map_for(self.site, own) for own in firsts])]
         finer = finer_map(self.site)
         if finer is not None and all(own.scenario.sensor == sensor for own in firsts):
-            self._maps.append((self.required - _FLUKE, [finer.flown_from(own) for own in firsts]))
+            self._maps.append((self.required - _OVERFIT, [finer.flown_from(own) for own in firsts]))
         self._options = [_most_for_time(plan.members) for plan in self.plans]
         self._times_s = [[member.metrics.time_s for member in options] for options in self._options]
 
@@ -228,8 +228,8 @@ class Soonest:
         chosen, maps = self._within(longest_s), self._maps[0][1]
         if min(chosen) < 0:
             return 0.0
-        seen = np.logical_or.reduce([self._seen_by(0, part, option) for part, option in enumerate(chosen)])
-        return max(0.0, maps[0].share_of_coverable(seen) - self.required)
+        observed = np.logical_or.reduce([self._observed_by(0, part, option) for part, option in enumerate(chosen)])
+        return max(0.0, maps[0].fraction_of_coverable(observed) - self.required)
 
     def beside(self, members: Sequence[RouteMember], longest_s: float) -> list[list[RouteMember]]:
         """Combinations with another route of one part and, if that costs coverage, a better route of another part.
@@ -273,16 +273,18 @@ class Soonest:
         if min(chosen) < 0:
             return False
         for scale, (least, maps) in enumerate(self._maps):
-            seen = np.logical_or.reduce([self._seen_by(scale, part, option) for part, option in enumerate(chosen)])
-            if maps[0].share_of_coverable(seen) < least:
+            observed = np.logical_or.reduce(
+                [self._observed_by(scale, part, option) for part, option in enumerate(chosen)]
+            )
+            if maps[0].fraction_of_coverable(observed) < least:
                 return False
         return True
 
-    def _seen_by(self, scale: int, part: int, option: int) -> BoolArray:
+    def _observed_by(self, scale: int, part: int, option: int) -> BoolArray:
         key = (scale, part, option)
-        if key not in self._seen:
-            self._seen[key] = self._maps[scale][1][part].seen(self._options[part][option].route.waypoints_m)
-        return self._seen[key]
+        if key not in self._observed:
+            self._observed[key] = self._maps[scale][1][part].observed(self._options[part][option].route.waypoints_m)
+        return self._observed[key]
 
 
 def _most_for_time(members: Sequence[RouteMember]) -> list[RouteMember]:
@@ -302,13 +304,13 @@ def _combinations(sets: Sequence[Sequence[RouteMember]]) -> list[list[RouteMembe
     Args:
         sets: of each part, by coverage.
     """
-    asked = sorted({member.metrics.coverage_of_coverable for members in sets for member in members})
-    step = max(1, -(-len(asked) // _MOST_MEMBERS))
+    required = sorted({member.metrics.coverage_of_coverable for members in sets for member in members})
+    step = max(1, -(-len(required) // _MOST_MEMBERS))
     found: dict[tuple[int, ...], list[RouteMember]] = {}
-    for share in asked[::-step][::-1]:
+    for fraction in required[::-step][::-1]:
         chosen = []
         for members in sets:
-            enough = [member for member in members if member.metrics.coverage_of_coverable >= share]
+            enough = [member for member in members if member.metrics.coverage_of_coverable >= fraction]
             chosen.append(min(enough, key=lambda member: member.metrics.cost) if enough else members[-1])
         found.setdefault(tuple(map(id, chosen)), chosen)
     return list(found.values())

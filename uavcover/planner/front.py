@@ -13,7 +13,7 @@ import numpy as np
 
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.dominance import least_crowded, non_dominated_mask
-from uavcover.kernels.way_cost import route_cost
+from uavcover.kernels.path_cost import route_cost
 from uavcover.missions.leg_checks import (
     LegProblem,
     find_corner_problems,
@@ -22,9 +22,9 @@ from uavcover.missions.leg_checks import (
     measure_violations,
 )
 from uavcover.missions.objectives import judge_member
-from uavcover.missions.way_cost import way_cost_of
+from uavcover.missions.path_cost import path_cost_of
 from uavcover.model.route import PART_OF, Route, RouteMember
-from uavcover.planner.budget import SHARES
+from uavcover.planner.budget import FRACTIONS
 from uavcover.planner.search.optimizer_search import Effort
 from uavcover.planner.selection_rule import Rule, select
 from uavcover.scenario.site import Site
@@ -129,7 +129,7 @@ def _seriousness(problem: LegProblem) -> float:
     return np.inf if problem.kind == "no elevation data" else abs(problem.value - problem.limit)
 
 
-PART_SHARES = tuple(k / 25 for k in range(1, 25))
+PART_FRACTIONS = tuple(k / 25 for k in range(1, 25))
 """Least coverage of the parts, as fractions of the whole route's coverage."""
 
 
@@ -138,8 +138,8 @@ class Gains:
     """A route of n waypoints, and the coverage that each leg adds."""
 
     route: Route  # its waypoints
-    way_m: FloatArray  # (n,) length of the path up to each waypoint
-    seen: FloatArray  # (n,) fraction of the area's ground that is observed up to each waypoint, 0..1
+    along_m: FloatArray  # (n,) length of the path up to each waypoint
+    observed: FloatArray  # (n,) fraction of the area's ground that is observed up to each waypoint, 0..1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,44 +149,46 @@ class Part:
     route: Route  # its waypoints
     # lower limit of the observed fraction of the area: ground that the route observes before the stretch does not count. An
     # estimate in corners, and if distance-triggered photos restart with the stretch.
-    seen: float
+    observed: float
 
 
 def gains_of(coverage: CoverageMap, route: Route) -> Gains:
     """Coverage that each leg of a route adds, on the cells of ``coverage``; a single waypoint counts alone."""
-    way_m = path_lengths_m(route.waypoints_m)
+    along_m = path_lengths_m(route.waypoints_m)
     if len(route) == 1:
-        return Gains(route, way_m, np.array([coverage.share(coverage.seen(route.waypoints_m))]))
+        return Gains(route, along_m, np.array([coverage.fraction(coverage.observed(route.waypoints_m))]))
     leg = coverage.observed_legs(route.waypoints_m)
-    first = coverage.first_seen(coverage.observations(route.waypoints_m))
-    seen = first >= 0
+    first = coverage.first_observed(coverage.observations(route.waypoints_m))
+    observed = first >= 0
     weight_m2 = coverage.grid.weight_m2
-    gained = np.bincount(leg[first[seen]], weights=weight_m2[seen], minlength=len(way_m) - 1)
-    return Gains(route, way_m, np.concatenate([[0.0], np.cumsum(gained)]) / coverage.grid.area_m2)
+    gained = np.bincount(leg[first[observed]], weights=weight_m2[observed], minlength=len(along_m) - 1)
+    return Gains(route, along_m, np.concatenate([[0.0], np.cumsum(gained)]) / coverage.grid.area_m2)
 
 
-def parts_of(gains: Gains, *, shares: Sequence[float] = PART_SHARES) -> list[Part]:
+def parts_of(gains: Gains, *, fractions: Sequence[float] = PART_FRACTIONS) -> list[Part]:
     """For each fraction of a route's coverage, the shortest known stretch of whole legs that reaches it.
 
     Each stretch keeps the limits that the route keeps. A stretch is listed once, and the whole route never.
 
     Args:
         gains: of the route.
-        shares: 0..1.
+        fractions: 0..1.
     """
-    points, way_m, seen = gains.route.waypoints_m, gains.way_m, gains.seen
+    points, along_m, observed = gains.route.waypoints_m, gains.along_m, gains.observed
     if len(points) < 3:
         return []
     first = np.arange(len(points) - 1)
     found: dict[tuple[int, int], Part] = {}
-    for share in shares:
+    for fraction in fractions:
         # For each waypoint, the first later one with enough coverage; past the end without one.
-        last = np.maximum(np.searchsorted(seen, seen[first] + share * seen[-1] * (1.0 - 1e-12)), first + 1)
-        lengths = np.where(last < len(points), way_m[np.minimum(last, len(points) - 1)] - way_m[first], np.inf)
+        last = np.maximum(
+            np.searchsorted(observed, observed[first] + fraction * observed[-1] * (1.0 - 1e-12)), first + 1
+        )
+        lengths = np.where(last < len(points), along_m[np.minimum(last, len(points) - 1)] - along_m[first], np.inf)
         best = int(np.argmin(lengths))
         ends = best, int(last[best])
         if ends != (0, len(points) - 1):
-            found[ends] = Part(Route(points[ends[0] : ends[1] + 1]), float(seen[ends[1]] - seen[ends[0]]))
+            found[ends] = Part(Route(points[ends[0] : ends[1] + 1]), float(observed[ends[1]] - observed[ends[0]]))
     return list(found.values())
 
 
@@ -254,7 +256,7 @@ class Finish:
         self._looking_s = evaluating_s
         self._judging_s = evaluating_s * fine.grid.count / max(coarse.grid.count, 1)
         self._judged_s = 0.0
-        self._lines = self._looked_at(lines)
+        self._lines = self._evaluated(lines)
 
     @property
     def known(self) -> list[Candidate]:
@@ -267,7 +269,7 @@ class Finish:
         if budget_s is None:
             return self._effort
         finish_s = _MOST_FOUND * (self._judging_s + self._looking_s) + _PART * _MOST_OTHERS * self._judging_s
-        finish_s = min(finish_s, SHARES.judging * budget_s)
+        finish_s = min(finish_s, FRACTIONS.judging * budget_s)
         # Every route is judged by the coverable cells, and along the same transits, which are found with the first one.
         for each in self._baselines[:_JUDGED_FIRST]:
             begin = self._effort.now()
@@ -275,7 +277,7 @@ class Finish:
             judging_s = self._effort.now() - begin
         if self._baselines:
             self._judged_s = judging_s
-            finish_s = max(finish_s, min(_FEWEST_JUDGED * judging_s, SHARES.judging_of_fewest * budget_s))
+            finish_s = max(finish_s, min(_FEWEST_JUDGED * judging_s, FRACTIONS.judging_of_fewest * budget_s))
         return dataclasses.replace(self._effort, budget_s=budget_s - late_s - finish_s)
 
     def judged_baselines(self, baselines: Sequence[Candidate]) -> list[RouteMember]:
@@ -293,10 +295,10 @@ class Finish:
         if self._effort.budget_s is not None and count > _JUDGED_FIRST:
             # Routes that were evaluated before the search take no time now, and do not show how long others take.
             each_s = max((now() - begin) / _JUDGED_FIRST, self._judged_s, 1e-6)
-            count = min(count, _JUDGED_FIRST + int(SHARES.judging_baselines * self._effort.budget_s / each_s))
+            count = min(count, _JUDGED_FIRST + int(FRACTIONS.judging_baselines * self._effort.budget_s / each_s))
         judged += judge_members(self._fine, named[_JUDGED_FIRST:count], self._executor)
         self._judging_s = max(self._judged_s, (now() - begin) / max(count, 1))
-        self._wholes = self._looked_at(named[:count])
+        self._wholes = self._evaluated(named[:count])
         return judged
 
     def worth_judging(self, found: Sequence[NamedRoute]) -> list[NamedRoute]:
@@ -305,20 +307,20 @@ class Finish:
         if not scenario.sensor.looks_along_path and scenario.limits.applies_to == "waypoints":
             # With a free order, every number of waypoints has its own search, so parts add nothing.
             return [*found, *(each.route for each in self._others), *(each.candidate.route for each in self._lines)]
-        looked = [*self._wholes, *self._looked_at(found)]
-        lines = _unbeaten([each.candidate for each in self._lines], [each.candidate for each in looked])
+        evaluated = [*self._wholes, *self._evaluated(found)]
+        lines = _unbeaten([each.candidate for each in self._lines], [each.candidate for each in evaluated])
         most = _MOST_OTHERS
         if self._effort.budget_s is not None:
             left_s = self._started + self._effort.budget_s - self._effort.now()
             fit = left_s / max(self._judging_s, 1e-6) - len(found) - len(lines)
             most = max(_FEWEST_OTHERS, min(most, int(fit / _PART)))
-        judged = [each.candidate for each in looked] + lines
-        offered = [*self._others, *_parts(self._coarse.site, [*looked, *self._lines])]
+        judged = [each.candidate for each in evaluated] + lines
+        offered = [*self._others, *_parts(self._coarse.site, [*evaluated, *self._lines])]
         new = _unbeaten(offered, judged)
         kept = least_crowded(np.array([each.objectives for each in new]), most) if new else ()
         return [*found, *(each.route for each in lines), *(new[k].route for k in kept)]
 
-    def _looked_at(self, routes: Sequence[NamedRoute]) -> list[Whole]:
+    def _evaluated(self, routes: Sequence[NamedRoute]) -> list[Whole]:
         site = self._coarse.site
         margin_m = site.scenario.limits.height_margin_m
 
@@ -326,7 +328,7 @@ class Finish:
             route, _ = named
             gains = gains_of(self._coarse, route)
             violation = measure_violations(site, route.waypoints_m, margin_m=margin_m).total
-            objectives = np.array([-gains.seen[-1], len(route), _cost(site, route)])
+            objectives = np.array([-gains.observed[-1], len(route), _cost(site, route)])
             return Whole(Candidate(named, objectives, violation), gains)
 
         return list(map(one, routes) if self._executor is None else self._executor.map(one, routes))
@@ -355,7 +357,7 @@ def _parts(site: Site, wholes: Sequence[Whole]) -> list[Candidate]:
         if keep:
             _, name = each.candidate.route
             for part in parts_of(each.gains):
-                objectives = np.array([-part.seen, len(part.route), _cost(site, part.route)])
+                objectives = np.array([-part.observed, len(part.route), _cost(site, part.route)])
                 found.append(Candidate((part.route, PART_OF + name), objectives, 0.0))
     return found
 
@@ -373,4 +375,4 @@ def thinned(pareto: Sequence[RouteMember], rule: Rule) -> list[RouteMember]:
 
 
 def _cost(site: Site, route: Route) -> float:
-    return float(route_cost(site.ground.surface, way_cost_of(site), route.waypoints_m))
+    return float(route_cost(site.ground.surface, path_cost_of(site), route.waypoints_m))

@@ -20,19 +20,19 @@ from uavcover.kernels.tours import order_between_ends
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.route import Route
 from uavcover.planner.baselines.boustrophedon import best_height_agl_m
-from uavcover.planner.set_cover import seen_from_each
+from uavcover.planner.set_cover import observed_from_each
 from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
-from uavcover.sensing.sensors import inside_every_heading, keeping_inside, seen_often, whatever_heading
+from uavcover.sensing.sensors import any_heading, inside_every_heading, keeping_inside, observed_often
 
 _SPACING_REACHES = 0.4
 """Candidates stand this many reaches apart."""
 _AROUND_REACHES = (0.0, 0.35, 0.7, 0.95)
 _AROUND_DIRECTIONS = 12
-_AROUND_SHARES = (0.5, 0.0, 1.0)
-_MOST_PLACES = 6_000
+_AROUND_FRACTIONS = (0.5, 0.0, 1.0)
+_MOST_POSITIONS = 6_000
 """Around unseen cells, in one round."""
 
 
@@ -68,20 +68,20 @@ class MissingCells:
         cells = Cells(west_m, south_m, whole.size_m, *own, whole.scatter_m)
         return cls(coverage, cells, numbers.astype(np.int64), coverage.grid.weight_m2[numbers])
 
-    def seen_by(self, looks: LevelObservations, sight: Sight) -> BoolArray:
+    def observed_by(self, looks: LevelObservations, sight: Sight) -> BoolArray:
         """(m,) whether any observation observes each cell."""
         site = self.coverage.site
         if sight is self.coverage.sight and site.scenario.sensor.has_own_view:
-            return seen_often(site, self.cells, looks.places_m, looks.headings) >= 0
-        return kernels.seen_from_points(site.ground.surface, sight, self.cells, looks.places_m, looks.headings)
+            return observed_often(site, self.cells, looks.positions_m, looks.headings) >= 0
+        return kernels.observed_from_points(site.ground.surface, sight, self.cells, looks.positions_m, looks.headings)
 
-    def seen_on(self, route_m: FloatArray, sights: Sequence[Sight]) -> BoolArray:
+    def observed_on(self, route_m: FloatArray, sights: Sequence[Sight]) -> BoolArray:
         """(k, m) whether an (n, 3) ENU route as flown observes each cell by each of k sensors, by the sensing rule."""
         looks = self.coverage.flown_observations(route_m)
-        return np.stack([self.seen_by(looks, sight) for sight in sights])
+        return np.stack([self.observed_by(looks, sight) for sight in sights])
 
 
-def grid_places(site: Site, missing: MissingCells) -> FloatArray:
+def grid_positions(site: Site, missing: MissingCells) -> FloatArray:
     """(k, 3) positions in a grid over the missing cells and their surroundings, at the height of the widest view.
 
     The last column is the height above ground.
@@ -94,45 +94,45 @@ def grid_places(site: Site, missing: MissingCells) -> FloatArray:
     east, north = np.meshgrid(
         *(low[axis] + (np.arange(math.ceil((high[axis] - low[axis]) / step)) + 0.5) * step for axis in (0, 1))
     )
-    places = np.column_stack([east.ravel(), north.ravel()])
+    positions = np.column_stack([east.ravel(), north.ravel()])
     # Importing scipy.spatial takes a while, which other commands need not wait for.
     from scipy.spatial import cKDTree
 
-    near = np.isfinite(cKDTree(centres).query(places, distance_upper_bound=reach)[0])
-    places = places[near & inside_fence(site, places)]
-    return np.column_stack([places, np.full(len(places), height)])
+    near = np.isfinite(cKDTree(centres).query(positions, distance_upper_bound=reach)[0])
+    positions = positions[near & inside_fence(site, positions)]
+    return np.column_stack([positions, np.full(len(positions), height)])
 
 
-def places_around(site: Site, cells_m: FloatArray) -> FloatArray:
+def positions_around(site: Site, cells_m: FloatArray) -> FloatArray:
     """(k, 3) points above and around (m, 3) cells at several heights of the band. The last column is above ground."""
     limits = site.scenario.limits
     low, high = limits.min_height_agl_m + limits.height_margin_m, limits.max_height_agl_m - limits.height_margin_m
     found = []
-    for share in _AROUND_SHARES:
-        height = low + share * (high - low)
+    for fraction in _AROUND_FRACTIONS:
+        height = low + fraction * (high - low)
         reach = site.scenario.sensor.half_width_m(height)
         for radius in _AROUND_REACHES:
             for angle in np.arange(_AROUND_DIRECTIONS if radius else 1) * (2.0 * math.pi / _AROUND_DIRECTIONS):
                 by = radius * reach * np.array([math.cos(angle), math.sin(angle)])
                 found.append(np.column_stack([cells_m[:, :2] + by, np.full(len(cells_m), height)]))
-    places = np.vstack(found)
-    return places[inside_fence(site, places[:, :2])]
+    positions = np.vstack(found)
+    return positions[inside_fence(site, positions[:, :2])]
 
 
 def few_enough(cells_m: FloatArray) -> FloatArray:
     """At least one of (m, 3) cells, evenly spaced, to limit the number of points around them."""
-    places_a_cell = len(_AROUND_SHARES) * (1 + (len(_AROUND_REACHES) - 1) * _AROUND_DIRECTIONS)
-    return cells_m[:: math.ceil(len(cells_m) * places_a_cell / _MOST_PLACES)]
+    positions_a_cell = len(_AROUND_FRACTIONS) * (1 + (len(_AROUND_REACHES) - 1) * _AROUND_DIRECTIONS)
+    return cells_m[:: math.ceil(len(cells_m) * positions_a_cell / _MOST_POSITIONS)]
 
 
-def inside_fence(site: Site, places_m: FloatArray) -> BoolArray:
+def inside_fence(site: Site, positions_m: FloatArray) -> BoolArray:
     """(k,) whether each of (k, 2) positions is inside fence and no-fly zones by the acceptance radius, over known ground."""
     inner = flyable_area(site).polygon.buffer(-site.scenario.vehicle.acceptance_radius_m)
-    inside = shapely.contains_xy(inner, places_m[:, 0], places_m[:, 1])
-    return np.asarray(inside & np.isfinite(site.ground.heights_m(places_m)), dtype=bool)
+    inside = shapely.contains_xy(inner, positions_m[:, 0], positions_m[:, 1])
+    return np.asarray(inside & np.isfinite(site.ground.heights_m(positions_m)), dtype=bool)
 
 
-def cover(missing: MissingCells, places_agl_m: FloatArray, sight: Sight, wanted: BoolArray) -> FloatArray:
+def cover(missing: MissingCells, positions_agl_m: FloatArray, sight: Sight, wanted: BoolArray) -> FloatArray:
     """A subset of (k, 3) positions that observes the same ``wanted`` (m,) cells as all of them together.
 
     Greedy set cover: choose the position that observes the most unobserved ground (at most ln(m) + 1 times the optimum). A camera
@@ -141,21 +141,21 @@ def cover(missing: MissingCells, places_agl_m: FloatArray, sight: Sight, wanted:
     Returns:
         (j, 3) positions with their heights above ground, in the order of choice.
     """
-    ups = missing.coverage.site.ground.ups_m(places_agl_m[:, :2], places_agl_m[:, 2])
-    eyes = np.column_stack([places_agl_m[:, :2], ups])
-    start, cells = seen_from_each(missing.coverage, eyes, missing.numbers[wanted], whatever_heading(sight))
-    places = np.repeat(np.arange(len(eyes)), np.diff(start))
+    ups = missing.coverage.site.ground.ups_m(positions_agl_m[:, :2], positions_agl_m[:, 2])
+    eyes = np.column_stack([positions_agl_m[:, :2], ups])
+    start, cells = observed_from_each(missing.coverage, eyes, missing.numbers[wanted], any_heading(sight))
+    positions = np.repeat(np.arange(len(eyes)), np.diff(start))
     left = np.zeros(missing.coverage.grid.count)
     left[missing.numbers[wanted]] = missing.weight_m2[wanted]
     chosen: list[int] = []
     while len(chosen) < len(eyes):
-        gain = np.bincount(places, weights=left[cells], minlength=len(eyes))
+        gain = np.bincount(positions, weights=left[cells], minlength=len(eyes))
         best = int(np.argmax(gain))
         if gain[best] <= 0.0:
             break
         chosen.append(best)
         left[cells[start[best] : start[best + 1]]] = 0.0
-    return places_agl_m[np.array(chosen, dtype=np.int64)]
+    return positions_agl_m[np.array(chosen, dtype=np.int64)]
 
 
 _TOLERANCE_M = 10.0
@@ -172,15 +172,15 @@ _MARGIN = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ClosingRoute:
+class GapRoute:
     """A route for the gaps."""
 
     route: Route  # the waypoints
     wanted_m2: float  # ground area to observe
-    seen_m2: float  # the part that the route observes
+    observed_m2: float  # the part that the route observes
 
 
-def plan_closing_route(
+def plan_gap_route(
     coverage: CoverageMap,  # on the cells that results are judged on
     # (cells,) cells to observe; the caller omits those that no permitted position observes
     missing: BoolArray,
@@ -193,7 +193,7 @@ def plan_closing_route(
     useful_m2: float = 0.0,
     # whether the time for improvements is over: called between trials
     is_over: Callable[[], bool] = lambda: False,
-) -> ClosingRoute:
+) -> GapRoute:
     """A short route from a start to an end that observes the missing cells.
 
     The sensor is narrowed by the vehicle's acceptance radius, so that the flight observes the cells although waypoints are
@@ -207,8 +207,8 @@ def plan_closing_route(
     site = coverage.site
     builder = _Builder(site, MissingCells.of(coverage, missing), start_m, end_m, is_over)
     builder.add_viewpoints(math.inf if needed_m2 is None else needed_m2)
-    if builder.seen_m2 < useful_m2:
-        raise InfeasibleError(f"cannot close the gaps: only {builder.seen_m2:.0f} of {useful_m2:.0f} m² is visible")
+    if builder.observed_m2 < useful_m2:
+        raise InfeasibleError(f"cannot close the gaps: only {builder.observed_m2:.0f} of {useful_m2:.0f} m² is visible")
     if needed_m2 is not None:
         builder.drop_costly(needed_m2)
     builder.shorten()
@@ -231,30 +231,30 @@ class _Builder:
         self.views = np.zeros((2, len(missing.weight_m2)), dtype=bool)
 
     @property
-    def seen(self) -> BoolArray:
+    def observed(self) -> BoolArray:
         """(m,) cells observed by the unreduced sensor."""
         return np.asarray(self.views[1])
 
     @property
-    def seen_m2(self) -> float:
+    def observed_m2(self) -> float:
         """Ground area of these."""
-        return self._area_m2(self.seen)
+        return self._area_m2(self.observed)
 
     def add_viewpoints(self, needed_m2: float = math.inf) -> None:
         """Add corners until the laid route observes enough, or all: first with the narrowed sensor, then with the full one."""
         wanted = np.ones(len(self.missing.weight_m2), dtype=bool)
-        grid = grid_places(self.site, self.missing)
+        grid = grid_positions(self.site, self.missing)
         self._take(np.vstack([self.corners, cover(self.missing, grid, self.narrow, wanted)]))
         sights = [self.sight, *inside_every_heading(self.sight)]
         for _ in range(_ROUNDS):
-            if self.seen.all() or self._area_m2(self.seen) >= needed_m2 or self.is_over():
+            if self.observed.all() or self._area_m2(self.observed) >= needed_m2 or self.is_over():
                 return
-            around = places_around(self.site, self._some_unseen())
-            more = cover(self.missing, around, sights[0], ~self.seen)
+            around = positions_around(self.site, self._some_unobserved())
+            more = cover(self.missing, around, sights[0], ~self.observed)
             before = self.corners, self.views
             if len(more) > 0:
                 self._take(np.vstack([self.corners, more]))
-            if self.seen.sum() <= before[1][1].sum():
+            if self.observed.sum() <= before[1][1].sum():
                 # The camera looked away there. Next, try positions that observe the ground at any heading.
                 self.corners, self.views = before
                 sights = sights[1:]
@@ -270,7 +270,7 @@ class _Builder:
         cell_m2 = self.missing.coverage.grid.cells.size_m**2
         lost_m2 = np.full(len(self.corners), cell_m2)
         while len(self.corners) > 1:
-            now_m2 = self._area_m2(self.seen)
+            now_m2 = self._area_m2(self.observed)
             saved_m = self._savings()
             best, best_score = None, 0.0
             for k in np.argsort(-saved_m / lost_m2, kind="stable"):
@@ -311,16 +311,16 @@ class _Builder:
                         improved = True
                         break
 
-    def result(self) -> ClosingRoute:
+    def result(self) -> GapRoute:
         """The route, laid over the terrain.
 
         Raises:
             InfeasibleError: it observes nothing.
         """
-        if not self.seen.any():
+        if not self.observed.any():
             raise InfeasibleError("no allowed position can observe any of the gaps; they remain open")
-        return ClosingRoute(
-            Route(self._laid(self.corners)), self._area_m2(np.ones_like(self.seen)), self._area_m2(self.seen)
+        return GapRoute(
+            Route(self._laid(self.corners)), self._area_m2(np.ones_like(self.observed)), self._area_m2(self.observed)
         )
 
     def _moves(self, k: int) -> FloatArray:
@@ -355,8 +355,8 @@ class _Builder:
 
     def _order(self, corners: FloatArray) -> IntArray:
         """(n,) a short order of the corners between start and end."""
-        places = np.vstack([self.start_m[:2], corners[:, :2], self.end_m[:2]])
-        distance = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1))
+        positions = np.vstack([self.start_m[:2], corners[:, :2], self.end_m[:2]])
+        distance = np.hypot(*(positions[:, None] - positions[None]).transpose(2, 0, 1))
         return order_between_ends(np.ascontiguousarray(distance))[1:-1] - 1
 
     def _with_ends(self) -> FloatArray:
@@ -364,13 +364,13 @@ class _Builder:
 
     def _savings(self) -> FloatArray:
         """(n,) distance saved by removing each corner."""
-        places = self._with_ends()[:, :2]
-        legs = np.hypot(*np.diff(places, axis=0).T)
-        return np.asarray(legs[:-1] + legs[1:] - np.hypot(*(places[2:] - places[:-2]).T))
+        positions = self._with_ends()[:, :2]
+        legs = np.hypot(*np.diff(positions, axis=0).T)
+        return np.asarray(legs[:-1] + legs[1:] - np.hypot(*(positions[2:] - positions[:-2]).T))
 
     def _length_m(self, corners: FloatArray) -> float:
-        places = np.vstack([self.start_m[:2], corners[:, :2], self.end_m[:2]])
-        return float(np.hypot(*np.diff(places, axis=0).T).sum())
+        positions = np.vstack([self.start_m[:2], corners[:, :2], self.end_m[:2]])
+        return float(np.hypot(*np.diff(positions, axis=0).T).sum())
 
     def _laid(self, corners: FloatArray) -> FloatArray:
         if len(corners) == 1:
@@ -380,13 +380,13 @@ class _Builder:
 
     def _views_with(self, corners: FloatArray) -> BoolArray:
         """(2, m) cells that the laid route observes: with the narrowed sensor, and with the full one."""
-        return self.missing.seen_on(self._laid(corners), (self.narrow, self.sight))
+        return self.missing.observed_on(self._laid(corners), (self.narrow, self.sight))
 
     def _violation(self, corners: FloatArray) -> float:
         return measure_violations(self.site, self._laid(corners), margin_m=0.0).total
 
-    def _some_unseen(self) -> FloatArray:
-        return few_enough(self.missing.cells.centre_m[~self.seen])
+    def _some_unobserved(self) -> FloatArray:
+        return few_enough(self.missing.cells.centre_m[~self.observed])
 
-    def _area_m2(self, seen: BoolArray) -> float:
-        return float(self.missing.weight_m2[seen].sum())
+    def _area_m2(self, observed: BoolArray) -> float:
+        return float(self.missing.weight_m2[observed].sum())

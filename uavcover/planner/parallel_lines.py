@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uavcover.kernels.dominance import least_crowded, non_dominated_mask
-from uavcover.kernels.way_cost import LENGTH, route_cost
-from uavcover.missions.way_cost import way_cost_of
+from uavcover.kernels.path_cost import LENGTH, route_cost
+from uavcover.missions.path_cost import path_cost_of
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.scenario import PlannerSettings
 from uavcover.model.sensor import Sensor
@@ -114,7 +114,7 @@ def _parallel(site: Site, angle_rad: float) -> list[list[SwathLayout]]:
     wanted = width_across_m(site, angle_rad) / (2.0 * strip_half_width_m(site, angle_rad, best))
     counts = np.unique(np.ceil(np.linspace(_CLOSEST, _FARTHEST, _MOST_COUNTS) * wanted - 1e-9).clip(1.0)).astype(int)
     heights = sorted({best, *np.linspace(low, high, _HEIGHTS + 2)[1:-1].tolist()}, reverse=True)
-    tolerances = sorted({min(share * 0.5 * (high - low), PLAIN_TOLERANCE_M) for share in _TOLERANCES})
+    tolerances = sorted({min(fraction * 0.5 * (high - low), PLAIN_TOLERANCE_M) for fraction in _TOLERANCES})
     return [
         [
             replace(
@@ -134,10 +134,10 @@ def _parallel(site: Site, angle_rad: float) -> list[list[SwathLayout]]:
 
 def _shifts_m(sensor: Sensor, height_agl_m: float) -> list[tuple[float, float]]:
     """No shift, and the look-ahead of a tilted camera with a fixed heading: the edge behind is observed from outside."""
-    picture = sensor.flat_picture(height_agl_m)
-    if sensor.heading_deg is None or picture is None or abs(picture.near_m + picture.far_m) < 1.0:
+    photo = sensor.flat_photo(height_agl_m)
+    if sensor.heading_deg is None or photo is None or abs(photo.near_m + photo.far_m) < 1.0:
         return [(0.0, 0.0)]
-    ahead_m, heading = 0.5 * (picture.near_m + picture.far_m), math.radians(sensor.heading_deg)
+    ahead_m, heading = 0.5 * (photo.near_m + photo.far_m), math.radians(sensor.heading_deg)
     return [(0.0, 0.0), (-ahead_m * math.sin(heading), -ahead_m * math.cos(heading))]
 
 
@@ -186,7 +186,7 @@ def first_lines(
     for kind, make in reversed(makers) if _by_length(site) else makers:
         if not any(routes for _, routes in kinds) or not should_stop():
             kinds.append((kind, make()))
-    return [(_cheaper_way_round(site, route), kind) for kind, routes in kinds for route in routes]
+    return [(_cheaper_direction(site, route), kind) for kind, routes in kinds for route in routes]
 
 
 def _by_length(site: Site) -> bool:
@@ -195,14 +195,14 @@ def _by_length(site: Site) -> bool:
     Balanced lines are the shortest, but they have more waypoints, and each waypoint takes time. On 25 km², simple lines have a
     third fewer.
     """
-    return way_cost_of(site).unit == LENGTH
+    return path_cost_of(site).unit == LENGTH
 
 
-def any_reaches(coarse: CoverageMap, lines: Sequence[NamedRoute], asked: float | None) -> bool:
+def any_reaches(coarse: CoverageMap, lines: Sequence[NamedRoute], required: float | None) -> bool:
     """Whether one of the lines has the required coverage; True without a requirement or without lines."""
-    if asked is None or not lines:
+    if required is None or not lines:
         return True
-    return any(coarse.share_of_coverable(coarse.seen(route.waypoints_m)) >= asked for route, _ in lines)
+    return any(coarse.fraction_of_coverable(coarse.observed(route.waypoints_m)) >= required for route, _ in lines)
 
 
 def one_line_more(site: Site, angle_rad: float) -> list[NamedRoute]:
@@ -211,13 +211,13 @@ def one_line_more(site: Site, angle_rad: float) -> list[NamedRoute]:
         return []
     shortest = _by_length(site)
     kind = "balanced-lines" if shortest else "simple-lines"
-    return [(_cheaper_way_round(site, route), kind) for route in ample_lines(site, angle_rad, shortest=shortest)]
+    return [(_cheaper_direction(site, route), kind) for route in ample_lines(site, angle_rad, shortest=shortest)]
 
 
-def _cheaper_way_round(site: Site, route: Route) -> Route:
+def _cheaper_direction(site: Site, route: Route) -> Route:
     """The cheaper of the route and its reverse. They differ in wind, and no single move reverses a whole route."""
-    way, surface = way_cost_of(site), site.ground.surface
+    path_cost, surface = path_cost_of(site), site.ground.surface
     back = Route(np.ascontiguousarray(route.waypoints_m[::-1]))
-    there_cost, back_cost = (float(route_cost(surface, way, each.waypoints_m)) for each in (route, back))
+    there_cost, back_cost = (float(route_cost(surface, path_cost, each.waypoints_m)) for each in (route, back))
     # If both directions are equally good, rounding must not decide.
     return back if back_cost < there_cost * (1.0 - 1e-9) else route

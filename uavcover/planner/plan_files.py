@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from importlib import metadata
 from typing import Any
 
-from uavcover.missions.fleet_cuts import share_out
+from uavcover.missions.fleet_cuts import allocate
 from uavcover.missions.fleet_schedule import makespan_s
 from uavcover.missions.flights import mission_texts
 from uavcover.missions.mission_compiler import CompiledMission, Sortie
@@ -35,7 +35,7 @@ from uavcover.scenario.vehicles import groups_of, vehicle_sites
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.site_maps import fleet_map, judging_map, look_at_all, map_for, one_after_the_other
 
-_LOOKED_AT_TOGETHER = 8
+_EVALUATED_TOGETHER = 8
 """This number of sorties over a large area is evaluated while a block of its cells is in memory."""
 
 
@@ -73,15 +73,15 @@ def save_plan(
     rows = [_sortie_row(number, sortie) for number, sortie in enumerate(sorties, start=1)]
     document = plan_document(site, result, seed=seed, bounds=limits, sorties=rows, fleet=fleet, baselines=baselines)
     texts["plan.json"] = json_text(document)
-    asked_sha256 = scenario_sha256 or sha256_of_content(scenario)
-    about = _run_document(site, asked_sha256, seed=seed, command=command, plan_wall_s=result.wall_s)
+    requested_sha256 = scenario_sha256 or sha256_of_content(scenario)
+    about = _run_document(site, requested_sha256, seed=seed, command=command, plan_wall_s=result.wall_s)
     own_sites = vehicle_sites(site) if sorties else ()
     of_any_plan = {name: limit for name, limit in limits.items() if not isinstance(limit, dict)}
     for number, (row, sortie) in enumerate(zip(rows, sorties, strict=True)):
         own_site = own_sites[sortie.vehicle - 1] if own_sites else site
         judged = map_for(site, own_site) if own_sites else judging_map(site)
-        if number % _LOOKED_AT_TOGETHER == 0:
-            some = sorties[number : number + _LOOKED_AT_TOGETHER]
+        if number % _EVALUATED_TOGETHER == 0:
+            some = sorties[number : number + _EVALUATED_TOGETHER]
             look_at_all(judged, [each.route.waypoints_m for each in some], one_after_the_other)
         plan = _plan_of_sortie(judged, result, sortie)
         own_name = own_site.scenario.vehicle.autopilot if own_sites else autopilot
@@ -206,7 +206,7 @@ def bounds(site: Site, result: Plan | None = None, *, time_s: float | None = Non
         time_s: for the proofs; 0: only those without a solver; None: the quick ones.
     """
     coverage = fleet_map(site)
-    found: dict[str, Any] = {"coverable_fraction": coverage.share(coverage.coverable)}
+    found: dict[str, Any] = {"coverable_fraction": coverage.fraction(coverage.coverable)}
     if site.scenario.sensor.looks_along_path:
         width = 2.0 * site.scenario.sensor.half_width_m(best_height_agl_m(site))
         found["length_reference_m"] = float(site.area.area) / width
@@ -237,7 +237,7 @@ def fleet_document(site: Site, flights: Sequence[Sortie]) -> dict[str, Any] | No
     if fleet.one_at_a_time:
         together_s = done_s
     elif alike:
-        together_s = share_out(times_s, fleet.vehicles, fleet.turnaround_s).makespan_s
+        together_s = allocate(times_s, fleet.vehicles, fleet.turnaround_s).makespan_s
     else:
         together_s = _at_once_s(site, flights)
     return document | {
@@ -297,7 +297,7 @@ def _homes(site: Site) -> list[dict[str, float]] | None:
 def _row(vehicle: int, flights: Sequence[Sortie]) -> dict[str, Any]:
     own = sorted((k for k, f in enumerate(flights) if f.vehicle == vehicle), key=lambda k: _start_s(flights[k]))
     times_s = [flights[k].compiled.flight_time_s for k in own]
-    used = [share for k in own if (share := flights[k].compiled.battery_used) is not None]
+    used = [fraction for k in own if (fraction := flights[k].compiled.battery_used) is not None]
     return {
         "vehicle": vehicle,
         "sorties": [k + 1 for k in own],
@@ -312,7 +312,7 @@ def _start_s(flight: Sortie) -> float:
     return 0.0 if flight.start_s is None else flight.start_s
 
 
-def say_fleet(user: User, document: dict[str, Any] | None) -> None:
+def print_fleet(user: User, document: dict[str, Any] | None) -> None:
     """Print the table of the vehicles and the time that they save."""
     if document is None or "by_vehicle" not in document:
         return

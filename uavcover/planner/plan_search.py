@@ -17,9 +17,9 @@ from uavcover.model.route import Plan
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.model.vehicle import autopilot_name
 from uavcover.optimizers import ALGORITHMS
-from uavcover.planner.budget import SHARES, CommandTime, StageTimes
+from uavcover.planner.budget import FRACTIONS, CommandTime, StageTimes
+from uavcover.planner.fleet_areas import is_one_flight_each, plan_by_area
 from uavcover.planner.fleet_parts import plan_parts
-from uavcover.planner.fleet_shares import is_one_flight_each, plan_in_shares
 from uavcover.planner.planner import Effort, SearchProgress, plan_in_time
 from uavcover.planner.selection_rule import parse_rule, with_sizes
 from uavcover.plugins import loaded
@@ -150,30 +150,30 @@ def plan_and_site(
     begun_s = time.monotonic() if request.begun_s is None else request.begun_s
     limit = CommandTime(begun_s=begun_s, budget_s=request.budget_s, should_stop=should_stop)
     if request.budget_s is not None:
-        left_s = begun_s + (1.0 - SHARES.sizes) * request.budget_s - time.monotonic()
+        left_s = begun_s + (1.0 - FRACTIONS.sizes) * request.budget_s - time.monotonic()
         request = dataclasses.replace(request, budget_s=max(left_s, _LEAST_SEARCH_S))
     settings = site.scenario.planner
     seed = settings.seed if request.seed is None else request.seed
     total, done = request.evaluations or settings.evaluations, 0
 
-    def search(own: Site, share: float, rule: str, again: int = 0) -> Plan:
+    def search(own: Site, fraction: float, rule: str, again: int = 0) -> Plan:
         nonlocal done
         before = done
-        evaluations = max(settings.population_size, round(share * total))
-        budget_s = None if request.budget_s is None else share * request.budget_s
-        asked = dataclasses.replace(
+        evaluations = max(settings.population_size, round(fraction * total))
+        budget_s = None if request.budget_s is None else fraction * request.budget_s
+        requested = dataclasses.replace(
             request, evaluations=evaluations, budget_s=budget_s, select=rule, seed=seed + again * _ANOTHER_SEED
         )
 
         def tell(progress: SearchProgress) -> None:
             on_progress(dataclasses.replace(progress, evaluations=before + progress.evaluations, total=total))
 
-        plan, _ = _plan_one(own, asked, should_stop=should_stop, on_progress=tell, kept=kept, stops=stops)
+        plan, _ = _plan_one(own, requested, should_stop=should_stop, on_progress=tell, kept=kept, stops=stops)
         done += evaluations
         return plan
 
     def sized(found: Plan, on: Site) -> tuple[Plan, Site]:
-        with StageTimes(time.monotonic, limit.budget_s).stage("mission sizes", SHARES.sizes):
+        with StageTimes(time.monotonic, limit.budget_s).stage("mission sizes", FRACTIONS.sizes):
             return with_sizes(on, found, autopilot=autopilot, limit=limit), on
 
     rule = request.select if request.select is not None else site.scenario.select
@@ -185,27 +185,27 @@ def plan_and_site(
     if (
         required is not None
         and each_s >= max(_LEAST_EACH_S, _LEAST_S / vehicles)
-        and _may_be_shared_out(padded, request, rule)
+        and _may_be_allocated(padded, request, rule)
     ):
         several = each_s >= _SEVERAL_S and total >= _SEVERAL_EVALUATIONS * vehicles
-        efforts = SHARES.fleet_parts if several else (1.0 - SHARES.fleet_whole,)
+        efforts = FRACTIONS.fleet_parts if several else (1.0 - FRACTIONS.fleet_whole,)
         if budget_s is not None:
             request = dataclasses.replace(request, budget_s=budget_s - _ARRANGING_S * vehicles)
         try:
             total = round(_PART_EVALUATIONS * total)
-            shared = plan_in_shares(padded, rule=rule, required=required, search=search, efforts=efforts)
+            shared = plan_by_area(padded, rule=rule, required=required, search=search, efforts=efforts)
         except (InfeasibleError, ScenarioError) as error:
             _log.info("no plan by parts of the area: %s", error)
             shared = None
         if shared is not None and (found := sized(*shared))[0].chosen.mission is not None:
             return found
         if budget_s is not None:
-            request = dataclasses.replace(request, budget_s=SHARES.fleet_whole * budget_s)
+            request = dataclasses.replace(request, budget_s=FRACTIONS.fleet_whole * budget_s)
     whole, judged = _plan_one(site, request, should_stop=should_stop, on_progress=on_progress, kept=kept, stops=stops)
     return sized(whole, on_pads(judged))
 
 
-def _may_be_shared_out(site: Site, request: SearchRequest, rule: str) -> bool:
+def _may_be_allocated(site: Site, request: SearchRequest, rule: str) -> bool:
     """Whether to divide a fleet's area among its vehicles before the search.
 
     The vehicles must differ only in their homes, and one flight each must suffice. Otherwise, or if the rule names no coverage or

@@ -30,7 +30,7 @@ from uavcover.planner.baselines.boustrophedon import (
 )
 from uavcover.planner.baselines.contour_lines import TUNED as TUNED_CONTOURS
 from uavcover.planner.baselines.initial_routes import constructed_routes, initial_names
-from uavcover.planner.budget import SHARES, StageTimes
+from uavcover.planner.budget import FRACTIONS, StageTimes
 from uavcover.planner.final_choice import choose, choose_at_once
 from uavcover.planner.front import Candidate, Finish, NamedRoute, Snapshots, judge_members
 from uavcover.planner.parallel_lines import any_reaches, first_lines, one_line_more, plan_lines
@@ -56,11 +56,11 @@ __all__ = ["Effort", "SearchProgress", "plan_routes"]
 
 _log = logging.getLogger(__name__)
 
-CONSTRUCTED_SHARE = 0.25
+CONSTRUCTED_FRACTION = 0.25
 """At most this fraction of the first population is constructed routes; the rest is sampled by the optimizer itself."""
 
 _OPTIMIZER: dict[PlannerAlgorithm, tuple[str, float]] = {
-    "memetic": ("imodbo", SHARES.optimizer),
+    "memetic": ("imodbo", FRACTIONS.optimizer),
     "local-search": ("imodbo", 0.0),
     "imodbo": ("imodbo", 1.0),
     "modbo": ("modbo", 1.0),
@@ -197,7 +197,7 @@ def plan_routes(
         # It begins with the constructed routes that the plain optimizers begin with.
         settings = dataclasses.replace(settings, algorithm="imodbo")
     algorithm: str = settings.algorithm
-    name, share = _OPTIMIZER[settings.algorithm]
+    name, fraction = _OPTIMIZER[settings.algorithm]
     if own is not None:
         algorithm = name = optimizer_name(own)
     started = effort.now()
@@ -206,25 +206,25 @@ def plan_routes(
     goal = None
     if rule.required_coverage is not None:
         # The rule speaks of the visible ground, the objectives of the whole area.
-        goal = rule.required_coverage * coarse.share(coarse.coverable)
-    other_lines = share < 1.0 and settings.encoding == "swaths"
-    baseline_share = SHARES.baselines_before_lines if other_lines else SHARES.baselines
+        goal = rule.required_coverage * coarse.fraction(coarse.coverable)
+    other_lines = fraction < 1.0 and settings.encoding == "swaths"
+    baseline_fraction = FRACTIONS.baselines_before_lines if other_lines else FRACTIONS.baselines
     tuned = None
     along_contours = "contour-lines" in initial_names(coarse, settings)
     if other_lines and goal is not None and effort.budget_s is not None and not along_contours:
         tuned = fewest_lines(coarse, goal)
     times = StageTimes(time.monotonic, effort.budget_s)
     before = effort.now()
-    with times.stage("initial solutions", baseline_share):
+    with times.stage("initial solutions", baseline_fraction):
         baselines = constructed_routes(
-            coarse, settings, asked=rule.required_coverage, executor=executor,
-            left_s=lambda: 0.0 if should_stop() else effort.left_s(started, share=baseline_share), tuned=tuned,
+            coarse, settings, required=rule.required_coverage, executor=executor,
+            left_s=lambda: 0.0 if should_stop() else effort.left_s(started, fraction=baseline_fraction), tuned=tuned,
         )  # fmt: skip
         if so_far is not None:
             so_far.baselines, on_progress = baselines, so_far.noting(on_progress)
         if other_lines and goal is not None and cut_lines.needs_cuts(site):
             baselines += cut_lines.cut_baselines(
-                coarse, goal, lambda: should_stop() or effort.is_over(started, share=SHARES.cut_lines)
+                coarse, goal, lambda: should_stop() or effort.is_over(started, fraction=FRACTIONS.cut_lines)
             )
     each_s = (effort.now() - before) / max(len(baselines), 1)
     constructed = _named(_worth_showing(baselines, goal))
@@ -234,9 +234,9 @@ def plan_routes(
         kept.look(effort.now() - started, lambda: [*(each.route for each in constructed), *routes()])
 
     encoding, initial = _encoding(site, settings, baselines, goal)
-    optimizing = effort if share == 1.0 else _shared(effort, share, started)
+    optimizing = effort if fraction == 1.0 else _shared(effort, fraction, started)
     rounds = 1
-    left_out = share < 1.0 and _takes_too_long(settings.population_size * each_s, baselines, effort, share)
+    left_out = fraction < 1.0 and _takes_too_long(settings.population_size * each_s, baselines, effort, fraction)
     if not left_out:
         rounds = rounds_of(
             optimizing,
@@ -246,7 +246,7 @@ def plan_routes(
             population_size=settings.population_size,
             executor=executor,
         )
-    if share < 1.0:
+    if fraction < 1.0:
         rounds = min(rounds, _MOST_ROUNDS)
     optimizer: AskAndTell = make_optimizer(
         name if own is None else own,
@@ -265,7 +265,7 @@ def plan_routes(
     )
     searched = Searched(interrupted=False, scale=None)
     if not left_out:
-        with times.stage(f"optimizer {name}", share):
+        with times.stage(f"optimizer {name}", fraction):
             searched = search(
                 optimizer,
                 run,
@@ -280,20 +280,20 @@ def plan_routes(
     optimized = _candidates(optimizer, encoding, searched.scale, name)
     evaluations, interrupted = optimizer.evaluations, searched.interrupted
     in_several, found = False, list[NamedRoute]()
-    if share == 1.0:
+    if fraction == 1.0:
         reference = judge_members(fine, [each.route for each in constructed], executor)
         made = [candidate.route for candidate in optimized]
     else:
         lines: list[NamedRoute] = []
         if settings.encoding == "swaths" and not interrupted:
             best_straight = next((b.layout for b in _by_merit(baselines, goal) if b.layout is not None), None)
-            with times.stage("bent lines", SHARES.bent_lines):
+            with times.stage("bent lines", FRACTIONS.bent_lines):
                 lines = _lines(coarse, best_straight, rule.required_coverage, dataclasses.replace(run, effort=effort))
-        late_s = 0.0 if tuned is None or effort.budget_s is None else SHARES.late_lines * effort.budget_s
+        late_s = 0.0 if tuned is None or effort.budget_s is None else FRACTIONS.late_lines * effort.budget_s
         # What takes several sorties gets a search for their order at the end.
         best = _by_merit(baselines, goal)[:1]
         in_several = any(has_several_sorties(site, each.route) for each in best)
-        order_s = SHARES.order * effort.budget_s if in_several and effort.budget_s is not None else 0.0
+        order_s = FRACTIONS.order * effort.budget_s if in_several and effort.budget_s is not None else 0.0
         finish = Finish(
             coarse, fine, constructed, optimized, lines, evaluating_s=each_s, effort=effort, started=started,
             executor=executor,
@@ -317,23 +317,23 @@ def plan_routes(
             interrupted = improved.interrupted
         if tuned is not None and effort.budget_s is not None and not interrupted:
             until = min(effort.now() + late_s, started + effort.budget_s - order_s)
-            with times.stage("lines left", SHARES.late_lines):
+            with times.stage("lines left", FRACTIONS.late_lines):
                 baselines += taken(tuned, lambda: should_stop() or effort.now() > until)
             constructed = _named(_worth_showing(baselines, goal))
-        with times.stage("judging baselines", SHARES.judging_baselines):
+        with times.stage("judging baselines", FRACTIONS.judging_baselines):
             reference = finish.judged_baselines(constructed)
         made = finish.worth_judging(found)
     members: list[RouteMember] = []
-    with times.stage("judging routes", SHARES.judging):
+    with times.stage("judging routes", FRACTIONS.judging):
         # Of a stage that is interrupted the routes that were found are known, and what was judged beside them.
         for part in (made[: len(found)], made[len(found) :]):
             members += judge_members(fine, part, executor)
             if so_far is not None:
                 so_far.judged = [*members, *reference]
-    with times.stage("choice and repairs", SHARES.order if in_several else None):
+    with times.stage("choice and repairs", FRACTIONS.order if in_several else None):
         chosen = choose(
             fine, settings, rule, (*members, *reference), executor=executor, interrupted=interrupted,
-            is_over=(lambda: effort.is_over(started, share=SHARES.simplified_until)) if share < 1.0 else None,
+            is_over=(lambda: effort.is_over(started, fraction=FRACTIONS.simplified_until)) if fraction < 1.0 else None,
             order=_order_effort(effort, started, settings.seed, should_stop) if in_several and not interrupted else None,
         )  # fmt: skip
     kept.close([*(each.route for each in constructed), *made, *chosen.simpler])
@@ -350,13 +350,15 @@ def plan_routes(
     )
 
 
-def _lines(coarse: CoverageMap, straight: SwathLayout | None, asked: float | None, run: SearchRun) -> list[NamedRoute]:
+def _lines(
+    coarse: CoverageMap, straight: SwathLayout | None, required: float | None, run: SearchRun
+) -> list[NamedRoute]:
     """Lines as initial solutions of the local search, in the direction of the best straight ones, as time permits."""
     site, budget_s, now = coarse.site, run.effort.budget_s, run.effort.now
     angle = long_side_angle_rad(site.area) if straight is None else straight.angle_rad
-    until = now() + SHARES.bent_lines * (math.inf if budget_s is None else budget_s)
+    until = now() + FRACTIONS.bent_lines * (math.inf if budget_s is None else budget_s)
     lines = first_lines(site, angle, run.executor, lambda: run.should_stop() or now() > until)
-    if budget_s is not None and not any_reaches(coarse, lines, asked):
+    if budget_s is not None and not any_reaches(coarse, lines, required):
         lines += one_line_more(site, angle)
     return lines
 
@@ -365,10 +367,10 @@ def _named(baselines: Sequence[Baseline]) -> list[Candidate]:
     return [Candidate((each.route, each.name), each.objectives, each.violation) for each in baselines]
 
 
-def _takes_too_long(round_s: float, baselines: Sequence[Baseline], effort: Effort, share: float) -> bool:
+def _takes_too_long(round_s: float, baselines: Sequence[Baseline], effort: Effort, fraction: float) -> bool:
     """Whether one round of the optimizer would take longer than the whole local search that has an initial solution."""
     feasible = any(each.violation <= 0.0 for each in baselines)
-    return feasible and effort.budget_s is not None and round_s > share * effort.budget_s
+    return feasible and effort.budget_s is not None and round_s > fraction * effort.budget_s
 
 
 def _candidates(optimizer: AskAndTell, encoding: Encoding, scale: FloatArray | None, name: str) -> list[Candidate]:
@@ -383,10 +385,10 @@ def _candidates(optimizer: AskAndTell, encoding: Encoding, scale: FloatArray | N
     ]
 
 
-def _shared(effort: Effort, share: float, started: float) -> Effort:
+def _shared(effort: Effort, fraction: float, started: float) -> Effort:
     """A fraction of the evaluations, or of the time, from now on."""
-    budget_s = None if effort.budget_s is None else effort.now() - started + share * effort.budget_s
-    return dataclasses.replace(effort, evaluations=int(share * effort.evaluations), budget_s=budget_s)
+    budget_s = None if effort.budget_s is None else effort.now() - started + fraction * effort.budget_s
+    return dataclasses.replace(effort, evaluations=int(fraction * effort.evaluations), budget_s=budget_s)
 
 
 def _order_effort(effort: Effort, started: float, seed: int, should_stop: Callable[[], bool]) -> OrderEffort:
@@ -403,7 +405,7 @@ def _encoding(
     site: Site, settings: PlannerSettings, baselines: Sequence[Baseline], goal: float | None
 ) -> tuple[Encoding, FloatArray | None]:
     """The encoding, and the constructed routes that its first population begins with."""
-    count = max(1, int(CONSTRUCTED_SHARE * settings.population_size))
+    count = max(1, int(CONSTRUCTED_FRACTION * settings.population_size))
     ranked = _by_merit(baselines, goal)
     if settings.encoding == "waypoints":
         origin = np.zeros(3) if site.home_m is None else site.home_m
@@ -417,8 +419,8 @@ def _encoding(
 
 def _by_merit(baselines: Sequence[Baseline], goal: float | None) -> list[Baseline]:
     """Feasible first; then those that reach the required coverage, by length; then the others, by coverage."""
-    asked = 1.0 if goal is None else goal
-    return sorted(baselines, key=lambda b: (b.violation, max(0.0, asked + b.objectives[0]), b.objectives[2]))
+    required = 1.0 if goal is None else goal
+    return sorted(baselines, key=lambda b: (b.violation, max(0.0, required + b.objectives[0]), b.objectives[2]))
 
 
 def _worth_showing(baselines: Sequence[Baseline], goal: float | None) -> list[Baseline]:

@@ -119,12 +119,12 @@ def _parse_choice(text: str) -> Rule:
         return Rule(rule, "weighted", weights)
     if match := _COVERAGE.fullmatch(rule):
         try:
-            share = float(match["share"])
+            fraction = float(match["share"])
         except ValueError:
-            share = -1.0
-        if not 0.0 <= share <= 1.0:
+            fraction = -1.0
+        if not 0.0 <= fraction <= 1.0:
             raise InputError(f"select: {text!r} requires a fraction between 0 and 1, such as coverage>=0.95")
-        return Rule(rule, "coverage", (share,))
+        return Rule(rule, "coverage", (fraction,))
     if match := _INDEX.fullmatch(rule):
         return Rule(rule, "index", (float(match["index"]),))
     raise InputError(
@@ -203,17 +203,17 @@ def missing_index(rule: Rule, members: int) -> str | None:
     return f"{rule.text} does not exist; the set has the members 0 to {members - 1}"
 
 
-_FLUKE = 0.0015
-_FLUKE_OF_GOAL = 0.0004
+_OVERFIT = 0.0015
+_OVERFIT_OF_GOAL = 0.0004
 """Tolerance of coverage on other cells, and of a required coverage, as a fraction: cells are a sample."""
 
-_FLUKE_CELLS = 2.0
+_OVERFIT_CELLS = 2.0
 """Number of cells that do not matter in a small sample."""
 
 _MOST_TRIES = 40
 
 
-def without_flukes(
+def without_overfitted(
     members: Sequence[RouteMember], rule: Rule, elsewhere: Callable[[Route], float], *, cells: int
 ) -> list[RouteMember]:
     """The members without overfitted choices of the rule, whose coverage is lower on other cells.
@@ -227,28 +227,28 @@ def without_flukes(
         elsewhere: fraction of the visible ground that a route observes on other cells.
         cells: number of cells on which the members were evaluated.
     """
-    few = _FLUKE_CELLS / cells
-    left, flukes, met_before = list(members), list[tuple[float, RouteMember]](), False
-    while left and len(flukes) < _MOST_TRIES:
+    few = _OVERFIT_CELLS / cells
+    left, overfitted, met_before = list(members), list[tuple[float, RouteMember]](), False
+    while left and len(overfitted) < _MOST_TRIES:
         values = np.array([[-m.metrics.coverage_of_coverable, m.metrics.waypoint_count, m.metrics.cost] for m in left])
         front = [left[k] for k in np.flatnonzero(non_dominated_mask(values, np.zeros(len(left))))]
         choice = select(front, rule)
         chosen = front[choice.index]
-        met_before = choice.met if not flukes else met_before
+        met_before = choice.met if not overfitted else met_before
         if rule.kind == "index" or (met_before and not choice.met):
             break
-        seen, asked = chosen.metrics.coverage_of_coverable, rule.required_coverage
-        least = seen - max(_FLUKE, few)
-        if asked is not None and choice.met:
-            least = max(asked - max(_FLUKE_OF_GOAL, few), least - _FLUKE)
+        observed, required = chosen.metrics.coverage_of_coverable, rule.required_coverage
+        least = observed - max(_OVERFIT, few)
+        if required is not None and choice.met:
+            least = max(required - max(_OVERFIT_OF_GOAL, few), least - _OVERFIT)
         lacking = least - elsewhere(chosen.route)
         if lacking <= 0.0:
             return left
-        flukes.append((lacking, chosen))
+        overfitted.append((lacking, chosen))
         left = [member for member in left if member is not chosen]
     # None is confirmed: keep the best of the checked ones, and all that the rule ranks after it.
-    best = min(flukes, key=lambda each: each[0])[1] if flukes else None
-    return [member for member in members if member is best or all(member is not each for _, each in flukes)]
+    best = min(overfitted, key=lambda each: each[0])[1] if overfitted else None
+    return [member for member in members if member is best or all(member is not each for _, each in overfitted)]
 
 
 def _scaled(members: Sequence[RouteMember]) -> FloatArray:

@@ -16,15 +16,15 @@ from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.kernels.set_cover import search_cover
 from uavcover.kernels.sight import Sight, horizontal_reach
 from uavcover.kernels.tours import FREE_ENDS, short_tour
-from uavcover.missions.way_cost import way_cost_of
+from uavcover.missions.path_cost import path_cost_of
 from uavcover.model.route import Route
 from uavcover.planner.terrain_following import allowed_band_m, lay_over_terrain
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, sees_each
-from uavcover.sensing.sensors import whatever_heading
+from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, observes_each
+from uavcover.sensing.sensors import any_heading
 
-_PLACES_AT_ONCE = 2_000
+_POSITIONS_AT_ONCE = 2_000
 _ROUNDING_M = 1e-9
 
 
@@ -32,16 +32,16 @@ _ROUNDING_M = 1e-9
 class Candidates:
     """Positions and the cells they observe: set k of :mod:`uavcover.kernels.set_cover` has the cells of position k."""
 
-    places_m: FloatArray  # (p, 3) ENU
+    positions_m: FloatArray  # (p, 3) ENU
     spacing_m: float  # of the lattice
     start: NDArray[np.int64]  # (p + 1,) where the cells of each place begin in ``cells``
     cells: NDArray[np.int32]  # numbers of the cells that are observed, rising for each place
     weight: FloatArray  # (n,) fraction of each cell in what can be covered at all; 0 for one that cannot
 
     @property
-    def in_words(self) -> str:
+    def text(self) -> str:
         """Description of the candidates."""
-        return f"lattice of {self.spacing_m:g} m, {len(self.places_m):,} places"
+        return f"lattice of {self.spacing_m:g} m, {len(self.positions_m):,} places"
 
     @property
     def reachable(self) -> float:
@@ -50,8 +50,8 @@ class Candidates:
 
     def coverage_of(self, chosen: NDArray[np.int64]) -> float:
         """Fraction of the visible ground that some of the positions observe, 0..1."""
-        seen = [self.cells[self.start[k] : self.start[k + 1]] for k in chosen]
-        return float(self.weight[np.unique(np.concatenate(seen))].sum()) if seen else 0.0
+        observed = [self.cells[self.start[k] : self.start[k + 1]] for k in chosen]
+        return float(self.weight[np.unique(np.concatenate(observed))].sum()) if observed else 0.0
 
 
 def finest_lattice_candidates(coverage: CoverageMap, *, spacing_m: float, most: int) -> Candidates:
@@ -62,37 +62,37 @@ def finest_lattice_candidates(coverage: CoverageMap, *, spacing_m: float, most: 
     # Do not lay out a lattice that is far too fine.
     while float(shapely.area(around)) * max(band_m / spacing_m, 1.0) / spacing_m**2 > 8.0 * most:
         spacing_m *= 2.0
-    while len(places := _lattice(coverage, spacing_m)) > most:
+    while len(positions := _lattice(coverage, spacing_m)) > most:
         spacing_m *= 2.0
-    return candidates_at(coverage, places, spacing_m=spacing_m)
+    return candidates_at(coverage, positions, spacing_m=spacing_m)
 
 
 def level_candidates(coverage: CoverageMap, *, spacing_m: float, height_agl_m: float) -> Candidates:
     """The positions of a square lattice at one height above ground, counted from the south-west corner of the area."""
-    places = _lattice_2d(coverage.site, horizontal_reach(coverage.sight), spacing_m)
-    up = coverage.site.ground.ups_m(places, height_agl_m)
+    positions = _lattice_2d(coverage.site, horizontal_reach(coverage.sight), spacing_m)
+    up = coverage.site.ground.ups_m(positions, height_agl_m)
     known = np.isfinite(up)
-    return candidates_at(coverage, np.column_stack([places, up])[known], spacing_m=spacing_m)
+    return candidates_at(coverage, np.column_stack([positions, up])[known], spacing_m=spacing_m)
 
 
-def candidates_at(coverage: CoverageMap, places_m: FloatArray, *, spacing_m: float) -> Candidates:
+def candidates_at(coverage: CoverageMap, positions_m: FloatArray, *, spacing_m: float) -> Candidates:
     """(p, 3) ENU positions with the cells that each observes; for a camera that turns with the legs, at least these."""
     every = np.arange(coverage.grid.count)
-    start, cells = seen_from_each(coverage, places_m, every, whatever_heading(coverage.sight))
+    start, cells = observed_from_each(coverage, positions_m, every, any_heading(coverage.sight))
     weight = np.where(coverage.coverable, coverage.grid.weight_m2, 0.0)
     return Candidates(
-        places_m=places_m, spacing_m=spacing_m, start=start, cells=cells, weight=weight / max(float(weight.sum()), 1e-300)
+        positions_m=positions_m, spacing_m=spacing_m, start=start, cells=cells, weight=weight / max(float(weight.sum()), 1e-300)
     )  # fmt: skip
 
 
-def seen_from_each(
-    coverage: CoverageMap, places_m: FloatArray, among: IntArray, sight: Sight
+def observed_from_each(
+    coverage: CoverageMap, positions_m: FloatArray, among: IntArray, sight: Sight
 ) -> tuple[IntArray, NDArray[np.int32]]:
     """Cells that each of several points observes.
 
     Args:
         coverage: the map.
-        places_m: (p, 3) ENU, of a vehicle that heads north.
+        positions_m: (p, 3) ENU, of a vehicle that heads north.
         among: (k,) numbers of the cells to consider, rising.
         sight: the sensor.
 
@@ -104,34 +104,36 @@ def seen_from_each(
 
     tree = cKDTree(coverage.grid.cells.centre_m[among, :2])
     reach = horizontal_reach(sight) * (1.0 + 1e-9)
-    counts = np.zeros(len(places_m), dtype=np.int64)
-    seen: list[NDArray[np.int32]] = []
-    for first in range(0, len(places_m), _PLACES_AT_ONCE):
-        some = places_m[first : first + _PLACES_AT_ONCE]
+    counts = np.zeros(len(positions_m), dtype=np.int64)
+    observed: list[NDArray[np.int32]] = []
+    for first in range(0, len(positions_m), _POSITIONS_AT_ONCE):
+        some = positions_m[first : first + _POSITIONS_AT_ONCE]
         near: Sequence[list[int]] = tree.query_ball_point(some[:, :2], reach, return_sorted=True)  # type: ignore[assignment]
         sizes = np.array([len(row) for row in near], dtype=np.int64)
         if not sizes.sum():
             continue
         numbers = among[np.concatenate([np.asarray(row, dtype=np.int64) for row in near])]
         rows = np.repeat(np.arange(len(some)), sizes)
-        sees = sees_each(coverage, LevelObservations.towards_north(some[rows]), numbers, sight)
-        counts[first : first + len(some)] = np.bincount(rows[sees], minlength=len(some))
-        seen.append(numbers[sees].astype(np.int32))
-    return np.concatenate([[0], np.cumsum(counts)]), np.concatenate(seen) if seen else np.empty(0, dtype=np.int32)
+        observes = observes_each(coverage, LevelObservations.towards_north(some[rows]), numbers, sight)
+        counts[first : first + len(some)] = np.bincount(rows[observes], minlength=len(some))
+        observed.append(numbers[observes].astype(np.int32))
+    return np.concatenate([[0], np.cumsum(counts)]), np.concatenate(observed) if observed else np.empty(
+        0, dtype=np.int32
+    )
 
 
 def _lattice(coverage: CoverageMap, spacing_m: float) -> FloatArray:
     """(p, 3) positions of a cubic lattice inside fence and height band; mid-band if the band contains no level."""
-    places = _lattice_2d(coverage.site, horizontal_reach(coverage.sight), spacing_m)
-    low, high = allowed_band_m(coverage.site, places)
+    positions = _lattice_2d(coverage.site, horizontal_reach(coverage.sight), spacing_m)
+    low, high = allowed_band_m(coverage.site, positions)
     lowest = np.ceil((low - _ROUNDING_M) / spacing_m)
     levels = np.where(np.isfinite(low + high), np.floor((high + _ROUNDING_M) / spacing_m) - lowest + 1.0, 0.0)
     between = (levels < 1.0) & (low <= high)
     counts = np.where(between, 1.0, np.maximum(levels, 0.0)).astype(np.int64)
-    rows = np.repeat(np.arange(len(places)), counts)
+    rows = np.repeat(np.arange(len(positions)), counts)
     level = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
     ups = np.where(between, 0.5 * (low + high), lowest * spacing_m)
-    return np.column_stack([places[rows], ups[rows] + level * spacing_m])
+    return np.column_stack([positions[rows], ups[rows] + level * spacing_m])
 
 
 def _lattice_2d(site: Site, reach_m: float, spacing_m: float) -> FloatArray:
@@ -143,8 +145,8 @@ def _lattice_2d(site: Site, reach_m: float, spacing_m: float) -> FloatArray:
         np.arange(np.ceil((low - _ROUNDING_M) / spacing_m), np.floor((high + _ROUNDING_M) / spacing_m) + 1.0)
         for low, high in ((west - corner_e, east - corner_e), (south - corner_n, north - corner_n))
     ]
-    places = spacing_m * np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2) + (corner_e, corner_n)
-    return places[shapely.intersects_xy(shapely.buffer(around, _ROUNDING_M), places[:, 0], places[:, 1])]
+    positions = spacing_m * np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2) + (corner_e, corner_n)
+    return positions[shapely.intersects_xy(shapely.buffer(around, _ROUNDING_M), positions[:, 0], positions[:, 1])]
 
 
 def _around(site: Site, reach_m: float) -> shapely.Geometry:
@@ -178,14 +180,14 @@ def reduce(candidates: Candidates) -> Reduced:
     start, cells = _with_cells(candidates.start, candidates.cells, candidates.weight > 0.0)
     numbers = np.flatnonzero(kernels.undominated(start, cells, count))
     start, cells = _some_sets(start, cells, numbers)
-    back, places = kernels.transposed(start, cells, count)
+    back, positions = kernels.transposed(start, cells, count)
     classes: dict[bytes, int] = {}
     class_of = np.full(count, -1, dtype=np.int32)
     # The first cell represents its class, so that classes rise with cells.
     stands = np.zeros(count, dtype=bool)
     weight: list[float] = []
     for cell in np.flatnonzero(np.diff(back)):
-        number = classes.setdefault(places[back[cell] : back[cell + 1]].tobytes(), len(weight))
+        number = classes.setdefault(positions[back[cell] : back[cell + 1]].tobytes(), len(weight))
         if number == len(weight):
             weight.append(0.0)
             stands[cell] = True
@@ -247,23 +249,23 @@ def thinned(candidates: Candidates, chosen: NDArray[np.int64], coverage: float) 
 
 def _greedy(reduced: Reduced, coverage: float) -> NDArray[np.int64]:
     enough = min(coverage, reduced.reachable) - _ROUNDING
-    places = reduced.numbers.size
+    positions = reduced.numbers.size
     table = (reduced.start, reduced.classes, reduced.weight)
-    return kernels.drop_needless(*table, kernels.choose_greedily(*table, enough, places), enough, places)
+    return kernels.drop_needless(*table, kernels.choose_greedily(*table, enough, positions), enough, positions)
 
 
-def tour_route(site: Site, places_m: FloatArray, *, tolerance_m: float) -> Route:
+def tour_route(site: Site, positions_m: FloatArray, *, tolerance_m: float) -> Route:
     """A short route through all of (k, 3) points, begun at the end nearer to home, or to the origin without a home.
 
     If the mission counts, transit counts as well.
 
     Args:
         site: the scenario on its ground.
-        places_m: ENU.
+        positions_m: ENU.
         tolerance_m: permitted deviation of the straight legs from the wanted height above ground.
     """
-    home_m = FREE_ENDS if site.home_m is None or way_cost_of(site).mission == 0 else site.home_m
-    points = places_m[short_tour(places_m, home_m)]
+    home_m = FREE_ENDS if site.home_m is None or path_cost_of(site).mission == 0 else site.home_m
+    points = positions_m[short_tour(positions_m, home_m)]
     reference = np.zeros(3) if site.home_m is None else site.home_m
     if len(points) and np.linalg.norm(points[-1] - reference) < np.linalg.norm(points[0] - reference):
         points = points[::-1]

@@ -21,7 +21,7 @@ from uavcover.kernels.tours import nearest, shorten
 from uavcover.model.route import Route
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.airspace.lattice import Lattice
-from uavcover.scenario.airspace.zones import WayRound
+from uavcover.scenario.airspace.zones import PathAround
 from uavcover.scenario.obstacles import Prism
 from uavcover.scenario.site import Site, once
 
@@ -54,14 +54,14 @@ def around_obstacles(
     if zone.is_empty or not zone.intersects(shapely.LineString(polyline_m)):
         return polyline_m, wanted_agl_m
     corners = [_outside(zone, corner) for corner in polyline_m]
-    places, heights = [corners[0]], [float(wanted_agl_m[0])]
+    positions, heights = [corners[0]], [float(wanted_agl_m[0])]
     for k in range(1, len(corners)):
         detour = _detour(zone, corners[k - 1], corners[k])
         legs = np.hypot(*np.diff(detour, axis=0).T)
         along = np.cumsum(legs) / max(float(legs.sum()), _SHORTEST_CROSSING_M)
-        places += list(detour[1:])
+        positions += list(detour[1:])
         heights += list(wanted_agl_m[k - 1] + along * (wanted_agl_m[k] - wanted_agl_m[k - 1]))
-    return np.array(places), np.array(heights)
+    return np.array(positions), np.array(heights)
 
 
 @lru_cache(maxsize=8)
@@ -94,19 +94,19 @@ def _outside(zone: shapely.MultiPolygon, corner: FloatArray) -> FloatArray:
 def _detour(zone: shapely.MultiPolygon, a: FloatArray, b: FloatArray) -> FloatArray:
     """(k, 2) corners from a to b, both outside the zone, along the edges of the polygons in between."""
     line = shapely.LineString([a, b])
-    way = [np.asarray(a)]
+    path = [np.asarray(a)]
     crossed = [part for part in zone.geoms if part.intersection(line).length > _SHORTEST_CROSSING_M]
     for part in sorted(crossed, key=lambda part: line.project(shapely.Point(part.intersection(line).bounds[:2]))):
         inside = shapely.get_coordinates(part.intersection(line))
         order = np.argsort(np.hypot(*(inside - a).T))
         ring = shapely.LineString(part.exterior.coords)
-        way += list(_along(ring, inside[order[0]], inside[order[-1]]))
-    return np.array([*way, np.asarray(b)])
+        path += list(_along(ring, inside[order[0]], inside[order[-1]]))
+    return np.array([*path, np.asarray(b)])
 
 
 def _along(ring: shapely.LineString, entry: FloatArray, exit_: FloatArray) -> FloatArray:
     """The shorter way (k, 2) along a ring between two places on it."""
-    begin, end = (ring.project(shapely.Point(place)) for place in (entry, exit_))
+    begin, end = (ring.project(shapely.Point(position)) for position in (entry, exit_))
     direct = shapely.get_coordinates(substring(ring, begin, end))
     low, high = sorted((begin, end))
     rest = np.vstack(
@@ -134,20 +134,20 @@ def inside_flyable_area(site: Site, polyline_m: FloatArray, wanted_agl_m: FloatA
     """
     if not _has_bays(site):
         return polyline_m, wanted_agl_m
-    ways = flyable_ways(site)
-    corners = [ways.inside(corner) for corner in polyline_m]
-    places, heights = [corners[0]], [float(wanted_agl_m[0])]
+    paths = flyable_paths(site)
+    corners = [paths.inside(corner) for corner in polyline_m]
+    positions, heights = [corners[0]], [float(wanted_agl_m[0])]
     for k in range(1, len(corners)):
         if np.array_equal(corners[k], corners[k - 1]) and not np.array_equal(polyline_m[k], polyline_m[k - 1]):
             continue
-        way = ways.along(corners[k - 1], corners[k])
-        if way is None:
-            way = np.array([corners[k - 1], corners[k]])
-        legs = np.hypot(*np.diff(way, axis=0).T)
+        path = paths.along(corners[k - 1], corners[k])
+        if path is None:
+            path = np.array([corners[k - 1], corners[k]])
+        legs = np.hypot(*np.diff(path, axis=0).T)
         along = np.cumsum(legs) / max(float(legs.sum()), _SHORTEST_CROSSING_M)
-        places += list(way[1:])
+        positions += list(path[1:])
         heights += list(wanted_agl_m[k - 1] + along * (wanted_agl_m[k] - wanted_agl_m[k - 1]))
-    return np.array(places), np.array(heights)
+    return np.array(positions), np.array(heights)
 
 
 @once
@@ -158,9 +158,9 @@ def _has_bays(site: Site) -> bool:
 
 
 @once
-def flyable_ways(site: Site) -> WayRound:
+def flyable_paths(site: Site) -> PathAround:
     """Paths inside the flyable area."""
-    return WayRound(flyable_area(site).polygon)
+    return PathAround(flyable_area(site).polygon)
 
 
 SAMPLE_SPACING_M = 5.0
@@ -225,14 +225,14 @@ def finite_heights(points_m: FloatArray) -> FloatArray:
     return filled
 
 
-def allowed_band_m(site: Site, places_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+def allowed_band_m(site: Site, positions_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Lowest and highest permitted up coordinate (n,) at (n, 2) positions; lowest exceeds highest if none is permitted."""
     limits = site.scenario.limits
-    low = site.ground.ups_m(places_m, limits.min_height_agl_m + limits.height_margin_m)
-    high = site.ground.ups_m(places_m, limits.max_height_agl_m - limits.height_margin_m)
+    low = site.ground.ups_m(positions_m, limits.min_height_agl_m + limits.height_margin_m)
+    high = site.ground.ups_m(positions_m, limits.max_height_agl_m - limits.height_margin_m)
     if limits.min_alt_amsl_m is not None or limits.max_alt_amsl_m is not None:
-        ground = site.ground.heights_m(places_m)
-        sea = ground - site.alts_amsl_m(np.column_stack([places_m, ground]))
+        ground = site.ground.heights_m(positions_m)
+        sea = ground - site.alts_amsl_m(np.column_stack([positions_m, ground]))
         if limits.min_alt_amsl_m is not None:
             low = np.maximum(low, limits.min_alt_amsl_m + sea)
         if limits.max_alt_amsl_m is not None:
@@ -308,7 +308,7 @@ _SPOTS = 1600
 """Points of the lattice of mended routes on the map."""
 
 
-def mended_routes(
+def repaired_routes(
     site: Site, problem: SearchProblem, routes: Sequence[Route], is_over: Callable[[], bool] = lambda: False
 ) -> Iterator[Route]:
     """For each route, its feasible stretches, joined; nothing for a route without any.
@@ -354,14 +354,14 @@ def joined_over(lattice: Lattice, stretches: Sequence[FloatArray]) -> FloatArray
     Where no way leads from some stretches to others, those that are the longest together.
     """
     ends_m = np.vstack([stretch[[0, -1]] for stretch in stretches])
-    first = len(lattice.places_m)
+    first = len(lattice.positions_m)
     own = first + np.arange(len(ends_m))
     next_to = np.column_stack([own[1:-1:2], own[2::2]])
-    places_m, links, length = lattice.linked_with(ends_m, next_to)
+    positions_m, links, length = lattice.linked_with(ends_m, next_to)
     stays = own.reshape(-1, 2)
     whole = np.array([np.linalg.norm(np.diff(stretch, axis=0), axis=1).sum() for stretch in stretches])
     both, lengths = np.vstack([links, stays]), np.concatenate([length, whole])
-    graph = scipy.sparse.csr_matrix((lengths, (both[:, 0], both[:, 1])), shape=(len(places_m), len(places_m)))
+    graph = scipy.sparse.csr_matrix((lengths, (both[:, 0], both[:, 1])), shape=(len(positions_m), len(positions_m)))
     _, part = scipy.sparse.csgraph.connected_components(graph, directed=False)
     parts = part[stays[:, 0]]
     kept = np.flatnonzero(parts == np.argmax(np.bincount(parts, weights=whole))).tolist()
@@ -370,14 +370,14 @@ def joined_over(lattice: Lattice, stretches: Sequence[FloatArray]) -> FloatArray
         graph, directed=False, indices=stays[kept[:-1], 1], return_predecessors=True
     )
     for row, (last, k) in enumerate(itertools.pairwise(kept)):
-        way = [int(stays[k, 0])]
-        while way[-1] != stays[last, 1]:
-            way.append(int(before[row, way[-1]]))
-        between = [places_m[way[-1:]]]
-        for a, b in itertools.pairwise(way[::-1]):
+        path = [int(stays[k, 0])]
+        while path[-1] != stays[last, 1]:
+            path.append(int(before[row, path[-1]]))
+        between = [positions_m[path[-1:]]]
+        for a, b in itertools.pairwise(path[::-1]):
             if min(a, b) >= first and (a - first) // 2 == (b - first) // 2:
                 # The path leads along another stretch.
                 between.append(stretches[(a - first) // 2][1:-1][:: 1 if a < b else -1])
-            between.append(places_m[[b]])
+            between.append(positions_m[[b]])
         out += [lattice.with_few_corners(np.vstack(between))[1:-1], stretches[k]]
     return np.vstack(out)

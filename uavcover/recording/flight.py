@@ -21,9 +21,9 @@ from uavcover.model.track import COLUMNS, OPTIONAL_COLUMNS, Track
 from uavcover.recording import layout
 from uavcover.recording.layout import (
     NOT_COVERABLE_RGB,
+    OBSERVED_RGB,
     SCENE,
-    SEEN_RGB,
-    UNSEEN_RGB,
+    UNOBSERVED_RGB,
     VIEWS,
     any_value_columns,
     any_values,
@@ -61,10 +61,10 @@ def tick_times_s(start_s: float, end_s: float) -> FloatArray:
     return np.append(ticks[ticks < end_s], end_s)
 
 
-def shown_from_s(first_seen_s: FloatArray, ticks_s: FloatArray) -> FloatArray:
-    """(cells,) tick from which each cell is shown as observed; infinite where ``first_seen_s`` is not finite."""
-    tick = np.searchsorted(ticks_s, first_seen_s, side="left")
-    return np.append(ticks_s, np.inf)[np.where(np.isfinite(first_seen_s), tick, ticks_s.size)]
+def shown_from_s(first_observed_s: FloatArray, ticks_s: FloatArray) -> FloatArray:
+    """(cells,) tick from which each cell is shown as observed; infinite where ``first_observed_s`` is not finite."""
+    tick = np.searchsorted(ticks_s, first_observed_s, side="left")
+    return np.append(ticks_s, np.inf)[np.where(np.isfinite(first_observed_s), tick, ticks_s.size)]
 
 
 def tile_entity(number: int) -> str:
@@ -81,9 +81,9 @@ def coverage_tiles(coverage: CoverageMap, shown_s: FloatArray, start_s: float) -
         start_s: start of the flight.
     """
     brightness = hillshade(coverage.site.ground.gradients(coverage.grid.cells.centre_m[:, :2]))
-    seen = _packed(shaded(SEEN_RGB, brightness))
-    unseen = _packed(shaded(UNSEEN_RGB, brightness))
-    unseen = np.where(coverage.coverable, unseen, _packed(shaded(NOT_COVERABLE_RGB, brightness)))
+    observed = _packed(shaded(OBSERVED_RGB, brightness))
+    unobserved = _packed(shaded(UNOBSERVED_RGB, brightness))
+    unobserved = np.where(coverage.coverable, unobserved, _packed(shaded(NOT_COVERABLE_RGB, brightness)))
     corners_m = _corners_m(coverage)
     square = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
     index = coverage.grid.cells.lattice
@@ -104,7 +104,7 @@ def coverage_tiles(coverage: CoverageMap, shown_s: FloatArray, start_s: float) -
                     vertices_m=corners_m[cells].reshape(-1, 3),
                     triangles=triangles.reshape(-1, 3),
                     time_s=times,
-                    rgba=np.where(turned, seen[cells], unseen[cells]).astype(np.uint32),
+                    rgba=np.where(turned, observed[cells], unobserved[cells]).astype(np.uint32),
                 )
             )
     return tiles
@@ -115,11 +115,11 @@ def _corners_m(coverage: CoverageMap) -> FloatArray:
     cells = coverage.grid.cells
     half_m = 0.5 * cells.size_m
     offsets = half_m * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    places = coverage.grid.middles_m[:, None] + offsets
-    up = coverage.site.ground.heights_m(places.reshape(-1, 2)).reshape(-1, 4)
+    positions = coverage.grid.middles_m[:, None] + offsets
+    up = coverage.site.ground.heights_m(positions.reshape(-1, 2)).reshape(-1, 4)
     # a corner can lie outside the data although the centre does not.
     up = np.where(np.isfinite(up), up, cells.centre_m[:, None, 2])
-    return np.concatenate([places, (up + lift_m(coverage))[..., None]], axis=2)
+    return np.concatenate([positions, (up + lift_m(coverage))[..., None]], axis=2)
 
 
 def _packed(rgb: NDArray[np.uint8]) -> NDArray[np.uint32]:
@@ -183,7 +183,7 @@ def _on_axis_m(coverage: CoverageMap, eye_m: FloatArray, axis: FloatArray) -> Fl
 def draw_vehicle(recording: rr.RecordingStream, coverage: CoverageMap) -> None:
     """Log the static parts of the vehicle: its shape, that of the camera's view, and the colours of its lines."""
     site = coverage.site
-    heading_m = SCENE.heading_share * extent_m(scene_bounds_m(site))
+    heading_m = SCENE.heading_fraction * extent_m(scene_bounds_m(site))
     log_static(
         recording,
         layout.HEADING,
@@ -234,11 +234,11 @@ def send_vehicle(recording: rr.RecordingStream, coverage: CoverageMap, track: Tr
     recording.send_columns(layout.FOOTPRINT, [time_column(track.time_s[ends])], rr.LineStrips3D.columns(strips=rings))
     if site.frame is None:
         return
-    places = track.geodetic[:, :2]
-    recording.send_columns(layout.MAP_VEHICLE, times, rr.GeoPoints.columns(positions=places))
+    positions = track.geodetic[:, :2]
+    recording.send_columns(layout.MAP_VEHICLE, times, rr.GeoPoints.columns(positions=positions))
     if pieces:
         recording.send_columns(
-            layout.MAP_FLOWN, steps, rr.GeoLineStrings.columns(line_strings=[places[a:b] for a, b in pieces])
+            layout.MAP_FLOWN, steps, rr.GeoLineStrings.columns(line_strings=[positions[a:b] for a, b in pieces])
         )
 
 
@@ -315,12 +315,12 @@ def log_track(recording: rr.RecordingStream, track: Track) -> None:
 
 
 def log_coverage(
-    recording: rr.RecordingStream, coverage: CoverageMap, span_s: tuple[float, float], first_seen_s: FloatArray
+    recording: rr.RecordingStream, coverage: CoverageMap, span_s: tuple[float, float], first_observed_s: FloatArray
 ) -> None:
     """Log the cells and the coverage, from the start of the flight to its end."""
     start_s = span_s[0]
     ticks_s = tick_times_s(*span_s)
-    shown_s = shown_from_s(first_seen_s, ticks_s)
+    shown_s = shown_from_s(first_observed_s, ticks_s)
     for number, tile in enumerate(coverage_tiles(coverage, shown_s, start_s)):
         entity = tile_entity(number)
         log_static(
@@ -334,11 +334,11 @@ def log_coverage(
         recording.send_columns(entity, [time_column(tile.time_s)], colors.partition(vertices_per_row))
     everything = np.ones(coverage.grid.count, dtype=bool)
     for entity, name, judged, rgb in (
-        (layout.SEEN, "of the area", everything, layout.SEEN_RGB),
-        (layout.SEEN_COVERABLE, "of the visible ground", coverage.coverable, layout.FOOTPRINT_RGB),
+        (layout.OBSERVED, "of the area", everything, layout.OBSERVED_RGB),
+        (layout.OBSERVED_COVERABLE, "of the visible ground", coverage.coverable, layout.FOOTPRINT_RGB),
     ):
         if judged.any():
-            percent = _percent_seen(coverage.grid.weight_m2[judged], shown_s[judged], ticks_s)
+            percent = _percent_observed(coverage.grid.weight_m2[judged], shown_s[judged], ticks_s)
             _log_series(recording, entity, ticks_s, percent, name=name, rgb=rgb)
 
 
@@ -371,7 +371,7 @@ def log_states(recording: rr.RecordingStream, states: Sequence[VehicleState]) ->
         return
     time_s = np.array([state.time_s for state in states])
     for entity, name, values, rgb in (
-        (layout.BATTERY_PERCENT, "left, percent", [state.battery_percent for state in states], layout.SEEN_RGB),
+        (layout.BATTERY_PERCENT, "left, percent", [state.battery_percent for state in states], layout.OBSERVED_RGB),
         (layout.BATTERY_V, "volts", [state.battery_v for state in states], layout.FLOWN_RGB),
     ):
         reported = np.array([np.nan if value is None else value for value in values])
@@ -384,9 +384,9 @@ def log_states(recording: rr.RecordingStream, states: Sequence[VehicleState]) ->
     came, went = arrived - arrived[before], lost - lost[before]
     span_s = time_s - time_s[before]
     whole = span_s > 0.0
-    shares = 100.0 * went[whole] / np.maximum(came + went, 1.0)[whole]
+    fractions = 100.0 * went[whole] / np.maximum(came + went, 1.0)[whole]
     for entity, name, values_of, rgb in (
-        (layout.LINK_LOST, "lost, percent", shares, layout.LOST_RGB),
+        (layout.LINK_LOST, "lost, percent", fractions, layout.LOST_RGB),
         (layout.LINK_RATE, "messages a second", came[whole] / span_s[whole], layout.FOOTPRINT_RGB),
     ):
         _log_series(recording, entity, time_s[whole], values_of, name=name, rgb=rgb)
@@ -426,7 +426,7 @@ def _log_series(
     send_series(recording, entity, time_s, values)
 
 
-def _percent_seen(weight_m2: FloatArray, shown_s: FloatArray, ticks_s: FloatArray) -> FloatArray:
+def _percent_observed(weight_m2: FloatArray, shown_s: FloatArray, ticks_s: FloatArray) -> FloatArray:
     order = np.argsort(shown_s, kind="stable")
     so_far = np.append(0.0, np.cumsum(weight_m2[order]))
     return np.asarray(100.0 * so_far[np.searchsorted(shown_s[order], ticks_s, side="right")] / so_far[-1])

@@ -41,7 +41,7 @@ class _Scene:
     steps: int
     level_cos: float
     vehicle_step_s: float
-    heading_share: float
+    heading_fraction: float
     camera_edges: int
     piece_s: float
     longest_name: int
@@ -104,8 +104,8 @@ SERIES: Final = "/series"
 HEIGHT_AGL: Final = f"{SERIES}/height/above_ground_m"
 HEIGHT_MIN: Final = f"{SERIES}/height/lowest_allowed_m"
 HEIGHT_MAX: Final = f"{SERIES}/height/highest_allowed_m"
-SEEN: Final = f"{SERIES}/coverage/seen_percent"
-SEEN_COVERABLE: Final = f"{SERIES}/coverage/seen_of_coverable_percent"
+OBSERVED: Final = f"{SERIES}/coverage/seen_percent"
+OBSERVED_COVERABLE: Final = f"{SERIES}/coverage/seen_of_coverable_percent"
 GROUND_SPEED: Final = f"{SERIES}/speed/ground_m_s"
 CLIMB_SPEED: Final = f"{SERIES}/speed/climb_m_s"
 BATTERY_PERCENT: Final = f"{SERIES}/battery/left_percent"
@@ -142,8 +142,8 @@ HOME_RGB: Final[Rgb] = (255, 64, 192)
 CEILING_RGB: Final[Rgb] = (255, 48, 72)
 FLOOR_RGB: Final[Rgb] = (190, 120, 255)
 LOST_RGB: Final[Rgb] = (255, 96, 64)
-SEEN_RGB: Final[Rgb] = (46, 204, 113)
-UNSEEN_RGB: Final[Rgb] = (118, 124, 140)
+OBSERVED_RGB: Final[Rgb] = (46, 204, 113)
+UNOBSERVED_RGB: Final[Rgb] = (118, 124, 140)
 NOT_COVERABLE_RGB: Final[Rgb] = (86, 48, 92)
 
 

@@ -31,7 +31,7 @@ class ReliefMesh:
 
     vertices_m: FloatArray  # (n, 3) ENU metres
     triangles: NDArray[np.uint32]  # (m, 3) uint32 numbers of vertices, counter-clockwise seen from above
-    texture_places: FloatArray  # (n, 2) position of each vertex in the texture, 0..1 from its left and top
+    texture_positions: FloatArray  # (n, 2) position of each vertex in the texture, 0..1 from its left and top
     texture: ByteArray  # (rows, columns, 3) uint8 RGB, north on top
 
 
@@ -63,8 +63,8 @@ def relief_mesh(ground: Ground, bounds_m: tuple[float, float, float, float]) -> 
     e = np.linspace(west, east, max(2, math.ceil((east - west) / step_m) + 1))
     n = np.linspace(south, north, max(2, math.ceil((north - south) / step_m) + 1))
     grid_e, grid_n = np.meshgrid(e, n)
-    places = np.column_stack([grid_e.ravel(), grid_n.ravel()])
-    up = ground.heights_m(places)
+    positions = np.column_stack([grid_e.ravel(), grid_n.ravel()])
+    up = ground.heights_m(positions)
     number = np.arange(up.size, dtype=np.uint32).reshape(grid_e.shape)
     sw, se, nw, ne = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]
     triangles = np.concatenate([np.stack([sw, se, ne], -1).reshape(-1, 3), np.stack([sw, ne, nw], -1).reshape(-1, 3)])
@@ -75,7 +75,7 @@ def relief_mesh(ground: Ground, bounds_m: tuple[float, float, float, float]) -> 
     rows, columns = texture.shape[:2]
     across = (0.5 + (grid_e - west) / (east - west) * (columns - 1)) / columns
     down = (0.5 + (north - grid_n) / (north - south) * (rows - 1)) / rows
-    vertices = np.column_stack([places, np.where(known, up, 0.0)])
+    vertices = np.column_stack([positions, np.where(known, up, 0.0)])
     return ReliefMesh(vertices, triangles, np.column_stack([across.ravel(), down.ravel()]), texture)
 
 
@@ -91,7 +91,7 @@ def _log_scene(recording: rr.RecordingStream, coverage: CoverageMap, planned: Ro
         rr.Mesh3D(
             vertex_positions=mesh.vertices_m,
             triangle_indices=mesh.triangles,
-            vertex_texcoords=mesh.texture_places,
+            vertex_texcoords=mesh.texture_positions,
             albedo_texture=mesh.texture,
         ),
     )
@@ -149,10 +149,10 @@ def obstacle_triangles_m(site: Site) -> FloatArray:
     for prism in site.prisms:
         for triangle in shapely.get_parts(shapely.constrained_delaunay_triangles(prism.footprint.polygon)):
             corners.append(_at_height(np.asarray(triangle.exterior.coords)[:3], prism.top_m))
-        for places in rings_m(prism.footprint.polygon):
-            foot, roof = _at_height(places, 0.0), _at_height(places, prism.top_m)
-            foot[:, 2] = site.ground.heights_m(places)
-            for k in range(len(places) - 1):
+        for positions in rings_m(prism.footprint.polygon):
+            foot, roof = _at_height(positions, 0.0), _at_height(positions, prism.top_m)
+            foot[:, 2] = site.ground.heights_m(positions)
+            for k in range(len(positions) - 1):
                 corners.append(np.stack([foot[k], foot[k + 1], roof[k]]))
                 corners.append(np.stack([roof[k], foot[k + 1], roof[k + 1]]))
     return np.concatenate(corners)
@@ -183,18 +183,18 @@ def _log_zones(recording: rr.RecordingStream, site: Site, bounds_m: tuple[float,
     _log_map_lines(recording, site, "no_fly", lines, layout.NO_FLY_RGB, width=2.0)
 
 
-def _at_height(places_m: FloatArray, up_m: float) -> FloatArray:
+def _at_height(positions_m: FloatArray, up_m: float) -> FloatArray:
     """(n, 3) positions at one height."""
-    return np.column_stack([places_m[:, :2], np.full(len(places_m), up_m)])
+    return np.column_stack([positions_m[:, :2], np.full(len(positions_m), up_m)])
 
 
 def _draped(site: Site, ring_m: FloatArray, bounds_m: tuple[float, float, float, float], lift_m: float) -> FloatArray:
     """An (n, 2) ring draped over the ground in short pieces, slightly above it: (m, 3). Parts without data are omitted."""
     line = shapely.LineString(ring_m).segmentize(extent_m(bounds_m) / SCENE.outline_pieces_per_side)
-    places = np.asarray(line.coords)
-    up = site.ground.heights_m(places)
+    positions = np.asarray(line.coords)
+    up = site.ground.heights_m(positions)
     known = np.isfinite(up)
-    return np.column_stack([places, up + lift_m])[known]
+    return np.column_stack([positions, up + lift_m])[known]
 
 
 def _log_map_lines(
@@ -219,12 +219,12 @@ def _log_map_lines(
 def _log_map_points(
     recording: rr.RecordingStream, site: Site, name: str, points_m: FloatArray, rgb: layout.Rgb, *, size: float
 ) -> None:
-    places = lat_lon_deg(site, points_m)
-    if places is not None:
+    positions = lat_lon_deg(site, points_m)
+    if positions is not None:
         log_static(
             recording,
             f"{layout.MAP}/{name}",
-            rr.GeoPoints(lat_lon=places, colors=[rgb], radii=ui_points(size)),
+            rr.GeoPoints(lat_lon=positions, colors=[rgb], radii=ui_points(size)),
         )
 
 

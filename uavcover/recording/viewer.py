@@ -22,7 +22,7 @@ from uavcover.recording import layout
 from uavcover.recording.layout import VIEWER, RecordingError, check_finished
 
 LOCAL_HOST = "127.0.0.1"
-PICTURE_SIZE = (1600, 1000)
+IMAGE_SIZE = (1600, 1000)
 """Width and height of a screenshot, pixels."""
 
 
@@ -99,7 +99,7 @@ def screenshot(path: str | Path, png: str | Path, *, at_share: float = 1.0) -> N
         with headless_viewer(path) as client:
             start_ns, end_ns = _load(client, path)
             moment_s = (start_ns + at_share * (end_ns - start_ns)) / 1e9
-            _save_picture(client, path, unfinished, moment_s)
+            _save_image(client, path, unfinished, moment_s)
         os.replace(unfinished, png)
     except OSError as error:
         raise OutputError(f"{png}: the screenshot cannot be written ({error.strerror or error})") from error
@@ -119,7 +119,7 @@ def headless_viewer(path: Path) -> Iterator[ViewerClient]:
         RecordingError: no graphics driver, or a viewer that does not answer.
     """
     port = _free_port()
-    width, height = PICTURE_SIZE
+    width, height = IMAGE_SIZE
     with tempfile.TemporaryFile() as log:
         process = _start_viewer(
             ["--headless", "--port", str(port), "--hide-welcome-screen", "--window-size", f"{width}x{height}"], log
@@ -184,7 +184,7 @@ def _load(client: ViewerClient, path: Path) -> tuple[int, int]:
     raise RecordingError(f"{path}: the viewer did not load the recording within {VIEWER.load_timeout_s:.0f} s")
 
 
-def _save_picture(client: ViewerClient, path: Path, png: Path, moment_s: float) -> None:
+def _save_image(client: ViewerClient, path: Path, png: Path, moment_s: float) -> None:
     try:
         client.set_time(layout.TIMELINE, duration=moment_s, play_state="paused")
         # The viewer draws what has arrived; cells and meshes of a new moment take a few frames.

@@ -42,13 +42,13 @@ _NAMESPACE = uuid.UUID("2d1f7b1e-7c1f-4a7c-9f0c-2f6b8d6f5a90")
 def write_recording(
     path: str | Path,  # the file, ``flight.rrd`` in a run folder
     *,
-    coverage: CoverageMap,  # the cells of a site, the ones that ``first_seen_s`` counts
+    coverage: CoverageMap,  # the cells of a site, the ones that ``first_observed_s`` counts
     planned: Route | None,  # the planned sensing route, if there is one
     track: Track,  # the flown track
     # (cells,) vehicle time at which each cell was seen first, NaN or infinite where it never was. With ``first =
-    # coverage.first_seen(observations)`` of one observation a sample: ``np.where(first >= 0, track.time_s[first],
+    # coverage.first_observed(observations)`` of one observation a sample: ``np.where(first >= 0, track.time_s[first],
     # np.nan)``.
-    first_seen_s: NDArray[np.float64],
+    first_observed_s: NDArray[np.float64],
     events: Iterable[flight.RecordedEvent] = (),  # events of the flight, in any order
     states: Iterable[flight.VehicleState] = (),  # states of battery and link, in any order
     name: str | None = None,  # name of the run, shown in the viewer; default: the scenario's name
@@ -59,16 +59,16 @@ def write_recording(
     replaced. Equal arguments give recordings that ``rerun rrd compare`` calls equal (their bytes differ).
 
     Raises:
-        RecordingError: the track is empty or its time does not increase, or ``first_seen_s`` does not fit.
+        RecordingError: the track is empty or its time does not increase, or ``first_observed_s`` does not fit.
         OutputError: the file cannot be written.
     """
-    _check(coverage, track, first_seen_s)
+    _check(coverage, track, first_observed_s)
     site = coverage.site
     name = plain_text(name or site.scenario.name)
     span_s = (float(track.time_s[0]), float(track.time_s[-1]))
     recording_id = _recording_id(name, track)
     with _written(Path(path), coverage, planned, name=name, recording_id=recording_id, span_s=span_s) as recording:
-        flight.log_coverage(recording, coverage, span_s, first_seen_s)
+        flight.log_coverage(recording, coverage, span_s, first_observed_s)
         flight.log_series(recording, coverage, track)
         flight.draw_vehicle(recording, coverage)
         flight.send_vehicle(recording, coverage, track)
@@ -93,21 +93,21 @@ def _written(
     _write_whole(path, data)
 
 
-def _check(coverage: CoverageMap, track: Track, first_seen_s: NDArray[np.float64]) -> None:
+def _check(coverage: CoverageMap, track: Track, first_observed_s: NDArray[np.float64]) -> None:
     if len(track) == 0:
         raise RecordingError("the track has no samples; there is nothing to record")
     standing = np.flatnonzero(~(np.diff(track.time_s) > 0.0))
     if standing.size or not np.isfinite(track.time_s[0]):
         where = int(standing[0]) + 1 if standing.size else 0
         raise RecordingError(f"the time of the track does not increase at sample {where}")
-    if first_seen_s.shape != (coverage.grid.count,):
+    if first_observed_s.shape != (coverage.grid.count,):
         raise RecordingError(
-            f"first_seen_s has shape {first_seen_s.shape}, not one time for each of {coverage.grid.count} cells"
+            f"first_observed_s has shape {first_observed_s.shape}, not one time for each of {coverage.grid.count} cells"
         )
-    seen_s = first_seen_s[np.isfinite(first_seen_s)]
-    if seen_s.size and not (track.time_s[0] <= seen_s.min() and seen_s.max() <= track.time_s[-1]):
+    observed_s = first_observed_s[np.isfinite(first_observed_s)]
+    if observed_s.size and not (track.time_s[0] <= observed_s.min() and observed_s.max() <= track.time_s[-1]):
         raise RecordingError(
-            f"first_seen_s reaches from {seen_s.min():g} to {seen_s.max():g} s, outside the flight, which lasts from "
+            f"first_observed_s reaches from {observed_s.min():g} to {observed_s.max():g} s, outside the flight, which lasts from "
             f"{track.time_s[0]:g} to {track.time_s[-1]:g} s"
         )
 
@@ -153,7 +153,7 @@ def record_fleet(
     # by name, (n,) increasing times on the clock that all share, and (n, 3) ENU positions
     tracks: Mapping[str, tuple[FloatArray, FloatArray]],
     # (cells,) time on that clock at which each cell was seen first, NaN where it never was
-    first_seen_s: NDArray[np.float64],
+    first_observed_s: NDArray[np.float64],
 ) -> None:
     """Write all flights of a fleet as one recording for the rerun viewer; an existing file is replaced.
 
@@ -172,7 +172,7 @@ def record_fleet(
     with _written(
         path, coverage, planned, name=name, recording_id=recording_id, span_s=span_s, paths=paths
     ) as recording:
-        flight.log_coverage(recording, coverage, span_s, first_seen_s)
+        flight.log_coverage(recording, coverage, span_s, first_observed_s)
         for number, (title, (time_s, enu_m)) in enumerate(tracks.items()):
             _log_flight(recording, coverage, title, time_s, enu_m, _COLOURS[number % len(_COLOURS)])
 
@@ -190,10 +190,10 @@ def _log_flight(
     rgb: layout.Rgb,
 ) -> None:
     entity = _entity(name)
-    path, place = f"{layout.FLOWN}/{entity}", f"{layout.VEHICLE}/{entity}"
+    path, point = f"{layout.FLOWN}/{entity}", f"{layout.VEHICLE}/{entity}"
     log_static(recording, path, rr.LineStrips3D.from_fields(colors=[rgb], radii=ui_points(2.5)))
-    log_static(recording, place, rr.Points3D.from_fields(colors=[rgb], radii=ui_points(6.0), labels=[name]))
-    recording.send_columns(place, [time_column(time_s)], rr.Points3D.columns(positions=enu_m))
+    log_static(recording, point, rr.Points3D.from_fields(colors=[rgb], radii=ui_points(6.0), labels=[name]))
+    recording.send_columns(point, [time_column(time_s)], rr.Points3D.columns(positions=enu_m))
     ends = flight.step_samples(time_s, SCENE.piece_s)
     strips = [enu_m[a : b + 1] for a, b in itertools.pairwise(ends)]
     if strips:
@@ -245,9 +245,9 @@ class LiveRecording:
         self._last: TrackSample | None = None
         self._recent_states: list[flight.VehicleState] = []
         self._heading_for = -1
-        self._seen = np.zeros(coverage.grid.count, dtype=bool)
+        self._observed = np.zeros(coverage.grid.count, dtype=bool)
         # Compiles the kernel, or loads its machine code: in flight, that would stop every thread for many seconds.
-        coverage.seen_by(LevelObservations.by_yaw(planned.waypoints_m[:1], np.zeros(1)))
+        coverage.observed_by(LevelObservations.by_yaw(planned.waypoints_m[:1], np.zeros(1)))
         try:
             self._file = path.open("wb", buffering=0)
         except OSError as error:
@@ -262,9 +262,9 @@ class LiveRecording:
         if viewer_url is not None:
             self._outputs.append(open_stream(site, recording_id))
             self._outputs[1].connect_grpc(viewer_url)
-        unseen = flight.coverage_tiles(coverage, np.full(coverage.grid.count, np.inf), 0.0)
+        unobserved = flight.coverage_tiles(coverage, np.full(coverage.grid.count, np.inf), 0.0)
         self._tiles = list(
-            zip(unseen, flight.coverage_tiles(coverage, np.zeros(coverage.grid.count), 0.0), strict=True)
+            zip(unobserved, flight.coverage_tiles(coverage, np.zeros(coverage.grid.count), 0.0), strict=True)
         )
         for output in self._outputs:
             self._begin(output, site, planned)
@@ -315,7 +315,7 @@ class LiveRecording:
         begin_recording(output, self._coverage, planned, name=name, span_s=None)
         flight.draw_vehicle(output, self._coverage)
         flight.name_series(output, layout.HEIGHT_AGL, name="above ground, m", rgb=layout.FLOWN_RGB)
-        flight.name_series(output, layout.SEEN, name="of the area", rgb=layout.SEEN_RGB)
+        flight.name_series(output, layout.OBSERVED, name="of the area", rgb=layout.OBSERVED_RGB)
         for number, (tile, _) in enumerate(self._tiles):
             log_static(
                 output,
@@ -363,12 +363,12 @@ class LiveRecording:
         self._last = samples[-1]
         height_agl_m = self._coverage.site.ground.heights_agl_m(new.enu_m)
         turned = self._turned(new)
-        self.covered = share = self._coverage.share(self._seen)
+        self.covered = fraction = self._coverage.fraction(self._observed)
         for output in self._outputs:
             output.send_columns(layout.TRACK, [time_column(new.time_s)], any_value_columns(flight.track_columns(new)))
             flight.send_vehicle(output, self._coverage, part)
             flight.send_series(output, layout.HEIGHT_AGL, new.time_s, height_agl_m)
-            flight.send_series(output, layout.SEEN, new.time_s[-1:], np.array([100.0 * share]))
+            flight.send_series(output, layout.OBSERVED, new.time_s[-1:], np.array([100.0 * fraction]))
             for number, colors in turned:
                 output.send_columns(
                     flight.tile_entity(number),
@@ -386,15 +386,20 @@ class LiveRecording:
             route = (numbers[1:] != numbers[:-1]) & (numbers[:-1] >= 0)
         if not route.any():
             return []
-        seen = self._seen | self._coverage.seen_by(
+        observed = self._observed | self._coverage.observed_by(
             LevelObservations.by_yaw(new.enu_m[route], new.attitude_deg[route, 2])
         )
-        changed = seen & ~self._seen
-        self._seen = seen
+        changed = observed & ~self._observed
+        self._observed = observed
         return [
-            (number, np.repeat(np.where(seen[unseen.cells], turned.rgba[-1], unseen.rgba[0]), 4).astype(np.uint32))
-            for number, (unseen, turned) in enumerate(self._tiles)
-            if changed[unseen.cells].any()
+            (
+                number,
+                np.repeat(np.where(observed[unobserved.cells], turned.rgba[-1], unobserved.rgba[0]), 4).astype(
+                    np.uint32
+                ),
+            )
+            for number, (unobserved, turned) in enumerate(self._tiles)
+            if changed[unobserved.cells].any()
         ]
 
     def _copy(self, reading: int) -> None:

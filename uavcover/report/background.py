@@ -58,7 +58,7 @@ class Background:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Picture:
+class _Image:
     """Pixels of a file, and where positions of the file are in them."""
 
     rgba: ByteArray  # (rows, columns, 4) bytes
@@ -85,8 +85,8 @@ def read_background(path: Path, site: Site, bounds_m: Bounds) -> Background:
     west, south, east, north = bounds_m
     grid_e, grid_n = np.meshgrid(np.linspace(west, east, BACKGROUND.nodes), np.linspace(north, south, BACKGROUND.nodes))
     middle_up = float(np.nan_to_num(site.ground.heights_m(np.array([[(west + east) / 2.0, (south + north) / 2.0]]))[0]))
-    places = np.column_stack([grid_e.ravel(), grid_n.ravel(), np.full(grid_e.size, middle_up)])
-    lat, lon, _ = (values.reshape(grid_e.shape) for values in site.frame.geodetic_from_enu(places))
+    positions = np.column_stack([grid_e.ravel(), grid_n.ravel(), np.full(grid_e.size, middle_up)])
+    lat, lon, _ = (values.reshape(grid_e.shape) for values in site.frame.geodetic_from_enu(positions))
     longer = max(east - west, north - south)
     size = (
         max(1, round(BACKGROUND.pixels * (east - west) / longer)),
@@ -95,23 +95,23 @@ def read_background(path: Path, site: Site, bounds_m: Bounds) -> Background:
     try:
         with path.open("rb") as file:
             is_sqlite = file.read(len(_SQLITE)) == _SQLITE
-        picture = (_of_mbtiles if is_sqlite else _of_geotiff)(path, lat, lon, size)
+        image = (_of_mbtiles if is_sqlite else _of_geotiff)(path, lat, lon, size)
     except (rasterio.errors.RasterioError, ProjError, sqlite3.Error, OSError, ValueError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
             f"--background: {path}: cannot read the file as GeoTIFF or MBTiles ({reason}); export the map again in "
             "one of these formats"
         ) from error
-    warped = _warped(picture, size)
+    warped = _warped(image, size)
     if not warped[..., 3].any():
         raise InputError(
             f"--background: {path}: the file does not cover the map around latitude {lat.mean():.5f}, longitude "
             f"{lon.mean():.5f}; use a file of this location"
         )
-    return Background(data_uri(warped, "WEBP", quality=BACKGROUND.quality), picture.attribution, path.name)
+    return Background(data_uri(warped, "WEBP", quality=BACKGROUND.quality), image.attribution, path.name)
 
 
-def _warped(picture: _Picture, size: tuple[int, int]) -> ByteArray:
+def _warped(image: _Image, size: tuple[int, int]) -> ByteArray:
     """The pixels of a picture at the middles of (columns, rows) pixels of the rectangle."""
     columns, rows = size
     grid = np.meshgrid(
@@ -119,19 +119,19 @@ def _warped(picture: _Picture, size: tuple[int, int]) -> ByteArray:
         (np.arange(columns) + 0.5) / columns * (BACKGROUND.nodes - 1),
         indexing="ij",
     )
-    at = [map_coordinates(nodes, grid, order=1) - 0.5 for nodes in (picture.row, picture.column)]
-    height, width = picture.rgba.shape[:2]
+    at = [map_coordinates(nodes, grid, order=1) - 0.5 for nodes in (image.row, image.column)]
+    height, width = image.rgba.shape[:2]
     inside = (at[0] >= -0.5) & (at[0] <= height - 0.5) & (at[1] >= -0.5) & (at[1] <= width - 0.5)
     out = np.zeros((rows, columns, 4), dtype=np.uint8)
     # Of what is transparent no colour is mixed in.
-    order: Literal[0, 1] = 1 if picture.rgba[..., 3].all() else 0
+    order: Literal[0, 1] = 1 if image.rgba[..., 3].all() else 0
     for band in range(4):
-        values = map_coordinates(picture.rgba[..., band].astype(np.float32), at, order=order, mode="nearest")
+        values = map_coordinates(image.rgba[..., band].astype(np.float32), at, order=order, mode="nearest")
         out[..., band] = np.where(inside, np.rint(values), 0.0).astype(np.uint8)
     return out
 
 
-def _of_geotiff(path: Path, lat: FloatArray, lon: FloatArray, size: tuple[int, int]) -> _Picture:
+def _of_geotiff(path: Path, lat: FloatArray, lon: FloatArray, size: tuple[int, int]) -> _Image:
     # No other driver: a VRT, for one, may name files on the network.
     with rasterio.open(path.resolve(), driver="GTiff") as dataset:
         if dataset.crs is None:
@@ -146,7 +146,7 @@ def _of_geotiff(path: Path, lat: FloatArray, lon: FloatArray, size: tuple[int, i
         left, top = max(0, math.floor(column.min()) - 2), max(0, math.floor(row.min()) - 2)
         right, bottom = min(dataset.width, math.ceil(column.max()) + 2), min(dataset.height, math.ceil(row.max()) + 2)
         if right <= left or bottom <= top:
-            return _Picture(np.zeros((1, 1, 4), np.uint8), "", np.zeros_like(column), np.zeros_like(row))
+            return _Image(np.zeros((1, 1, 4), np.uint8), "", np.zeros_like(column), np.zeros_like(row))
         # No finer than the picture in the page.
         finer = max(1.0, min((right - left) / size[0], (bottom - top) / size[1]))
         shape = max(1, round((bottom - top) / finer)), max(1, round((right - left) / finer))
@@ -154,7 +154,7 @@ def _of_geotiff(path: Path, lat: FloatArray, lon: FloatArray, size: tuple[int, i
         tags = {name.upper(): value for name, value in dataset.tags().items()}
         attribution = next((tags[k] for k in ("ATTRIBUTION", "TIFFTAG_COPYRIGHT", "COPYRIGHT") if tags.get(k)), "")
     scale_x, scale_y = shape[1] / (right - left), shape[0] / (bottom - top)
-    return _Picture(rgba, _text(attribution), (column - left) * scale_x, (row - top) * scale_y)
+    return _Image(rgba, _text(attribution), (column - left) * scale_x, (row - top) * scale_y)
 
 
 def _rgba(dataset: rasterio.DatasetReader, window: Window, shape: tuple[int, int]) -> ByteArray:
@@ -174,7 +174,7 @@ def _rgba(dataset: rasterio.DatasetReader, window: Window, shape: tuple[int, int
     return np.dstack([*colors, opaque]).astype(np.uint8)
 
 
-def _of_mbtiles(path: Path, lat: FloatArray, lon: FloatArray, size: tuple[int, int]) -> _Picture:
+def _of_mbtiles(path: Path, lat: FloatArray, lon: FloatArray, size: tuple[int, int]) -> _Image:
     with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
         facts = {str(name): str(value) for name, value in database.execute("SELECT name, value FROM metadata")}
         if facts.get("format", "png").lower() in {"pbf", "mvt"}:
@@ -182,18 +182,18 @@ def _of_mbtiles(path: Path, lat: FloatArray, lon: FloatArray, size: tuple[int, i
         zooms = [int(z) for (z,) in database.execute("SELECT DISTINCT zoom_level FROM tiles ORDER BY zoom_level")]
         if not zooms:
             raise InputError(f"--background: {path}: the file contains no tiles")
-        x, y = _mercator_shares(lat, lon)
+        x, y = _mercator_fractions(lat, lon)
         zoom = _zoom(x, y, zooms, size)
         tiles = 2**zoom
         first = math.floor(x.min() * tiles), math.floor(y.min() * tiles)
         last = math.floor(x.max() * tiles), math.floor(y.max() * tiles)
         rgba, pixels = _mosaic(database, path, zoom, first, last)
-    return _Picture(
+    return _Image(
         rgba, _text(facts.get("attribution", "")), (x * tiles - first[0]) * pixels, (y * tiles - first[1]) * pixels
     )
 
 
-def _mercator_shares(lat: FloatArray, lon: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _mercator_fractions(lat: FloatArray, lon: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Places on the world's square map, 0..1 from its west and from its north."""
     x, y = Transformer.from_crs(4326, 3857, always_xy=True).transform(lon, lat)
     x, y = _finite((x, y))
@@ -223,36 +223,36 @@ def _mosaic(
     for column in range(columns):
         for row in range(rows):
             # Rows of MBTiles are counted from the south.
-            place = (zoom, (first[0] + column) % 2**zoom, 2**zoom - 1 - (first[1] + row))
+            position = (zoom, (first[0] + column) % 2**zoom, 2**zoom - 1 - (first[1] + row))
             found = database.execute(
-                "SELECT tile_data FROM tiles WHERE zoom_level = ? AND tile_column = ? AND tile_row = ?", place
+                "SELECT tile_data FROM tiles WHERE zoom_level = ? AND tile_column = ? AND tile_row = ?", position
             ).fetchone()
             if found is None:
                 continue
-            tile = _tile(found[0], path, place)
+            tile = _tile(found[0], path, position)
             if pixels == 1:
                 pixels = tile.shape[0]
                 out = np.zeros((rows * pixels, columns * pixels, 4), dtype=np.uint8)
             if tile.shape[0] != pixels:
                 raise InputError(
-                    f"--background: {path}: tile {place} has {tile.shape[0]} pixels, but others have {pixels}"
+                    f"--background: {path}: tile {position} has {tile.shape[0]} pixels, but others have {pixels}"
                 )
             out[row * pixels : (row + 1) * pixels, column * pixels : (column + 1) * pixels] = tile
     return out, pixels
 
 
-def _tile(data: object, path: Path, place: tuple[int, int, int]) -> ByteArray:
-    where = f"--background: {path}: tile {place} (zoom, column, row)"
+def _tile(data: object, path: Path, position: tuple[int, int, int]) -> ByteArray:
+    where = f"--background: {path}: tile {position} (zoom, column, row)"
     if not isinstance(data, bytes):
         raise InputError(f"{where} is not an image; export the map again")
     try:
-        with Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "WEBP")) as picture:
-            width, height = picture.size
+        with Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "WEBP")) as image:
+            width, height = image.size
             if width != height or not _TILE_PIXELS[0] <= width <= _TILE_PIXELS[1]:
                 raise InputError(
                     f"{where} is {width} x {height} pixels, not a square of {_TILE_PIXELS[0]} to {_TILE_PIXELS[1]}"
                 )
-            return np.asarray(picture.convert("RGBA"), dtype=np.uint8)
+            return np.asarray(image.convert("RGBA"), dtype=np.uint8)
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise InputError(f"{where} cannot be read as PNG, JPEG or WebP") from error
 

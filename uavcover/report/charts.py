@@ -181,8 +181,8 @@ class Scale:
     def y(self, value: float) -> float:
         """Vertical position of a value."""
         (low, high), frame = self.y_range, self.frame
-        share = (value - low) / (high - low)
-        return frame.height - frame.bottom - share * (frame.height - frame.top - frame.bottom)
+        fraction = (value - low) / (high - low)
+        return frame.height - frame.bottom - fraction * (frame.height - frame.top - frame.bottom)
 
     def path(self, x: FloatArray, y: FloatArray) -> str:
         """SVG path through (n,) points, broken where a value is unknown."""

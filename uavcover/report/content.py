@@ -13,7 +13,7 @@ from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.route import Route
 from uavcover.model.track import Track
-from uavcover.model.verdict import PictureStatistics
+from uavcover.model.verdict import PhotoStatistics
 from uavcover.planner.pareto_file import ParetoRow, read_pareto
 from uavcover.run.documents import PlannedDocument, read_plan_document, site_for
 from uavcover.run.folder import RunFolder
@@ -21,7 +21,7 @@ from uavcover.run.judged_inputs import judged_logs, was_flown
 from uavcover.scenario.site import Site, load_site
 from uavcover.scenario.vehicles import groups_of, own_sensors, vehicle_sites
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.pictures import PictureCounts, count_pictures, picture_statistics, planned_poses, takes_pictures
+from uavcover.sensing.photos import PhotoCounts, count_photos, photo_statistics, planned_poses, takes_photos
 from uavcover.sensing.site_maps import fleet_map, map_for
 from uavcover.terrain.frames import Bounds
 from uavcover.verification.command import judge_tracks, log_name
@@ -73,11 +73,11 @@ class Flight:
 class PlannedView:
     """Coverage that the plan promises."""
 
-    seen: BoolArray  # (cells,) whether it sees each cell
+    observed: BoolArray  # (cells,) whether it sees each cell
     poses: SensorPoses  # from where it observes
     # how many of these, as single pictures, show each cell; None for a sensor that takes no single pictures
-    pictures: PictureCounts | None
-    statistics: PictureStatistics | None  # of these pictures
+    photos: PhotoCounts | None
+    statistics: PhotoStatistics | None  # of these pictures
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,14 +150,14 @@ def _planned_view(coverage: CoverageMap, route: Route, sorties_m: Sequence[Float
     """The trigger of pictures by distance begins anew with every sortie."""
     parts_m = [part.waypoints_m for part in route.parts]
     poses = planned_poses(coverage, sorties_m or parts_m)
-    pictures = count_pictures(coverage, poses) if takes_pictures(coverage.site.scenario) else None
-    statistics = None if pictures is None else picture_statistics(coverage, pictures)
+    photos = count_photos(coverage, poses) if takes_photos(coverage.site.scenario) else None
+    statistics = None if photos is None else photo_statistics(coverage, photos)
     site = coverage.site
     eyes = [map_for(site, vehicle_sites(site)[group[0] - 1]) for group in groups_of(site.scenario)] or [coverage]
-    seen = np.logical_or.reduce([eye.seen(part_m) for eye, part_m in zip(eyes, parts_m, strict=True)], axis=0)
+    observed = np.logical_or.reduce([eye.observed(part_m) for eye, part_m in zip(eyes, parts_m, strict=True)], axis=0)
     if own_sensors(site.scenario):  # pictures of different cameras are not counted together
-        return PlannedView(seen, poses, None, None)
-    return PlannedView(seen, poses, pictures, statistics)
+        return PlannedView(observed, poses, None, None)
+    return PlannedView(observed, poses, photos, statistics)
 
 
 def _planned_of(folder: RunFolder) -> PlannedDocument:

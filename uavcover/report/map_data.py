@@ -26,7 +26,7 @@ from uavcover.scenario.airspace.zones import Zone
 from uavcover.scenario.obstacles import Prism, rings_m
 from uavcover.scenario.site import Site, area_as_drawn
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.pictures import PictureCounts, pictures_asked
+from uavcover.sensing.photos import PhotoCounts, photos_required
 from uavcover.terrain.frames import Bounds, LocalFrame
 from uavcover.terrain.ground import Ground, relief_grid
 from uavcover.verification.flown_coverage import FlownCoverage
@@ -60,7 +60,7 @@ def map_data(content: ReportContent) -> dict[str, Any]:
         ],
         "cellBounds": rounded(np.array(cells_bounds_m(content.coverage))),
         "cells": [asdict(layer) for layer in cell_layers(content)],
-        "pictures": _pictures(content),
+        "pictures": _photos(content),
         "tracks": [_track(flight, number) for number, flight in enumerate(content.flights)],
         "gaps": [] if verdict is None else gap_data(verdict.report.gaps),
         "violations": [] if verdict is None else _violations(verdict, content.flights),
@@ -95,7 +95,7 @@ def zone_data(zone: Zone) -> dict[str, Any]:
     """A no-fly zone for the map."""
     return {
         "name": zone.name,
-        "heights": zone.heights_in_words(),
+        "heights": zone.heights_text(),
         "rings": [rounded(r) for r in rings_m(zone.outline)],
     }
 
@@ -112,13 +112,13 @@ def _track(flight: Flight, number: int) -> dict[str, Any]:
     }
 
 
-def _pictures(content: ReportContent) -> dict[str, Any]:
+def _photos(content: ReportContent) -> dict[str, Any]:
     """Positions of single photos, planned and flown; empty for a sensor without photos."""
     planned, verdict = content.planned_view, content.verdict
-    flown = None if verdict is None or verdict.pictures is None else verdict.observations
+    flown = None if verdict is None or verdict.photos is None else verdict.observations
     return {
-        "planned": [] if planned.pictures is None else rounded(planned.poses.eyes),
-        "flown": [] if flown is None else rounded(flown.places_m[flown.known]),
+        "planned": [] if planned.photos is None else rounded(planned.poses.eyes),
+        "flown": [] if flown is None else rounded(flown.positions_m[flown.known]),
         "unknown": 0 if flown is None else int((~flown.known).sum()),
     }
 
@@ -131,7 +131,7 @@ def gap_data(gaps: Iterable[Gap]) -> list[dict[str, Any]]:
             "north": gap.north_m,
             "area": round(gap.area_m2),
             "cells": gap.cells,
-            "reason": REASON_WORDS[gap.reason],
+            "reason": REASON_TEXTS[gap.reason],
             "coverable": gap.coverable,
         }
         for gap in gaps
@@ -167,9 +167,9 @@ def _unsafe_returns(site: Site, routes_m: Sequence[FloatArray]) -> list[dict[str
         away = [one for one in advice.unsafe if one.destination != IN_PLACE]
         for one, words in zip(away, advice.sentences, strict=True):
             inside = (states.times_s >= one.begin_s) & (states.times_s <= one.end_s)
-            points = states.places_m[inside, :2]
+            points = states.positions_m[inside, :2]
             drawn = rounded(points[:: drawn_every(len(points))])
-            east, north = round(one.place_m[0], 1), round(one.place_m[1], 1)
+            east, north = round(one.position_m[0], 1), round(one.position_m[1], 1)
             found.append({"points": drawn, "east": east, "north": north, "words": words})
     return found
 
@@ -191,9 +191,9 @@ def geodetic_fit(frame: LocalFrame | None, bounds: Bounds) -> dict[str, list[flo
         return None
     west, south, east, north = bounds
     grid_e, grid_n = np.meshgrid(np.linspace(west, east, 9), np.linspace(south, north, 9))
-    places = np.column_stack([grid_e.ravel(), grid_n.ravel(), np.zeros(grid_e.size)])
-    lat, lon, _ = frame.geodetic_from_enu(places)
-    e, n = places[:, 0] / 1000.0, places[:, 1] / 1000.0
+    positions = np.column_stack([grid_e.ravel(), grid_n.ravel(), np.zeros(grid_e.size)])
+    lat, lon, _ = frame.geodetic_from_enu(positions)
+    e, n = positions[:, 0] / 1000.0, positions[:, 1] / 1000.0
     basis = np.column_stack([np.ones(e.size), e, n, e * e, e * n, n * n])
     return {
         name: np.linalg.lstsq(basis, values, rcond=None)[0].tolist() for name, values in (("lat", lat), ("lon", lon))
@@ -218,9 +218,9 @@ Rgb = tuple[int, int, int]
 # Images of the cells: one pixel a cell; row 0 is the north.
 # Distinguishable with any colour vision (palette of Okabe and Ito).
 SURE_RGB: Rgb = (0, 114, 96)
-SEEN_RGB: Rgb = (0, 158, 115)
+OBSERVED_RGB: Rgb = (0, 158, 115)
 POSSIBLE_RGB: Rgb = (240, 228, 66)
-UNSEEN_RGB: Rgb = (213, 94, 0)
+UNOBSERVED_RGB: Rgb = (213, 94, 0)
 NOT_COVERABLE_RGB: Rgb = (136, 34, 85)
 _REASON_RGB: tuple[Rgb, ...] = (
     (213, 94, 0),
@@ -231,7 +231,7 @@ _REASON_RGB: tuple[Rgb, ...] = (
     (204, 121, 167),
     (160, 160, 160),
 )
-REASON_WORDS = {
+REASON_TEXTS = {
     "never-in-range": "never in range and field of view",
     "too-oblique": "observed only at too flat an angle",
     "occluded": "hidden by terrain or obstacles",
@@ -272,15 +272,18 @@ def cells_bounds_m(coverage: CoverageMap) -> Bounds:
 def cell_layers(content: ReportContent) -> list[CellLayer]:
     """The cell layers of a run, those of the flight before those of the plan. Layers without known values are omitted."""
     coverage, verdict, planned = content.coverage, content.verdict, content.planned_view
-    asked = pictures_asked(coverage.site.scenario.sensor)
+    required = photos_required(coverage.site.scenario.sensor)
     layers: list[CellLayer | None] = []
     if verdict is None:
-        classes = [(UNSEEN_RGB, "not observed", ~planned.seen), (SEEN_RGB, "observed, as planned", planned.seen)]
+        classes = [
+            (UNOBSERVED_RGB, "not observed", ~planned.observed),
+            (OBSERVED_RGB, "observed, as planned", planned.observed),
+        ]
         layers.append(_classes_layer(coverage, "planned-coverage", "Coverage, planned", classes))
     else:
         layers += [coverage_layer(coverage, verdict.flown), gap_layer(coverage, verdict.flown)]
-        layers += picture_layers(coverage, verdict.pictures, "flown", asked)
-    layers += picture_layers(coverage, planned.pictures, "planned", asked)
+        layers += photo_count_layers(coverage, verdict.photos, "flown", required)
+    layers += photo_count_layers(coverage, planned.photos, "planned", required)
     if verdict is not None:
         layers += _flown_layers(coverage, verdict)
     return [layer for layer in layers if layer is not None]
@@ -288,15 +291,21 @@ def cell_layers(content: ReportContent) -> list[CellLayer]:
 
 def _flown_layers(coverage: CoverageMap, verdict: Verdict) -> list[CellLayer | None]:
     flown = verdict.flown
-    start_s = float(np.nanmin(flown.first_seen_s)) if flown.seen.any() else 0.0
+    start_s = float(np.nanmin(flown.first_observed_s)) if flown.observed.any() else 0.0
     passes = np.where(flown.passes > 0, flown.passes.astype(float), np.nan)
     # Of single pictures there are layers of their own.
-    sample_m = np.full(flown.seen.size, np.nan) if verdict.pictures is not None else flown.ground_sample_m
+    sample_m = np.full(flown.observed.size, np.nan) if verdict.photos is not None else flown.ground_sample_m
     return [
         ramp_layer(coverage, key, title, values, colors, label)
         for key, title, values, colors, label in (
             ("looks", "Number of observations", passes, "viridis", label("{:.0f}")),
-            ("first-seen", "First observation", (flown.first_seen_s - start_s) / 60.0, "cividis", label("{:.1f} min")),
+            (
+                "first-seen",
+                "First observation",
+                (flown.first_observed_s - start_s) / 60.0,
+                "cividis",
+                label("{:.1f} min"),
+            ),
             ("sample", "Ground sample distance", 100.0 * sample_m, "plasma_r", label("{:.1f} cm")),
             ("incidence", "Incidence angle", flown.incidence_deg, "magma_r", label("{:.0f}°")),
             ("distance", "Minimum distance", flown.nearest_m, "plasma_r", label("{:.0f} m")),
@@ -304,24 +313,24 @@ def _flown_layers(coverage: CoverageMap, verdict: Verdict) -> list[CellLayer | N
     ]
 
 
-def picture_layers(
-    coverage: CoverageMap, counts: PictureCounts | None, which: str, asked: int | None
+def photo_count_layers(
+    coverage: CoverageMap, counts: PhotoCounts | None, which: str, required: int | None
 ) -> list[CellLayer | None]:
     """Photos per point compared with the required overlap, and the best ground sample distance."""
     if counts is None:
         return []
-    pictures = counts.pictures
+    photos = counts.photos
     title = f"Photos per point, {which}"
-    if asked is None:
-        shown = np.where(pictures > 0, pictures.astype(float), np.nan)
+    if required is None:
+        shown = np.where(photos > 0, photos.astype(float), np.nan)
         per_point = ramp_layer(coverage, f"pictures-{which}", title, shown, "viridis", label("{:.0f}"))
     else:
         per_point = _classes_layer(
             coverage, f"pictures-{which}", f"{title} (overlap)",
             [
                 (rgb, f"{low}" if low == high else f"{low} or more" if high is None else f"{low} to {high}",
-                 (pictures >= low) & (pictures <= (np.iinfo(np.int32).max if high is None else high)))
-                for rgb, low, high in _picture_classes(asked)
+                 (photos >= low) & (photos <= (np.iinfo(np.int32).max if high is None else high)))
+                for rgb, low, high in _photo_classes(required)
             ],
         )  # fmt: skip
     sample = ramp_layer(
@@ -331,15 +340,15 @@ def picture_layers(
     return [per_point, sample]
 
 
-def _picture_classes(asked: int) -> list[tuple[Rgb, int, int | None]]:
+def _photo_classes(required: int) -> list[tuple[Rgb, int, int | None]]:
     """Colour, fewest and most photos of each class: warm below the required number, green from there on."""
-    half = asked // 2
+    half = required // 2
     classes: list[tuple[Rgb, int, int | None]] = [
         (NOT_COVERABLE_RGB, 0, 0),
-        (UNSEEN_RGB, 1, half),
-        (POSSIBLE_RGB, max(half + 1, 1), asked - 1),
-        (SEEN_RGB, asked, 2 * asked - 1),
-        (SURE_RGB, 2 * asked, None),
+        (UNOBSERVED_RGB, 1, half),
+        (POSSIBLE_RGB, max(half + 1, 1), required - 1),
+        (OBSERVED_RGB, required, 2 * required - 1),
+        (SURE_RGB, 2 * required, None),
     ]
     return [(rgb, low, high) for rgb, low, high in classes if high is None or low <= high]
 
@@ -365,17 +374,17 @@ def label(template: str) -> Callable[[float], str]:
 
 def coverage_layer(coverage: CoverageMap, flown: FlownCoverage) -> CellLayer:
     """Cells that were surely, possibly or not observed."""
-    exact = bool((flown.surely_seen == flown.seen).all() and (flown.possibly_seen == flown.seen).all())
+    exact = bool((flown.certain_cells == flown.observed).all() and (flown.possible_cells == flown.observed).all())
     kinds: list[tuple[Rgb, str, NDArray[np.bool_]]] = [
-        (UNSEEN_RGB, "not observed", np.ones(coverage.grid.count, dtype=bool)),
-        (NOT_COVERABLE_RGB, REASON_WORDS["out-of-limits"], ~coverage.coverable),
+        (UNOBSERVED_RGB, "not observed", np.ones(coverage.grid.count, dtype=bool)),
+        (NOT_COVERABLE_RGB, REASON_TEXTS["out-of-limits"], ~coverage.coverable),
     ]
     if exact:
-        kinds.append((SEEN_RGB, "observed", flown.seen))
+        kinds.append((OBSERVED_RGB, "observed", flown.observed))
     else:
-        kinds.append((POSSIBLE_RGB, "possibly observed", flown.possibly_seen))
-        kinds.append((SEEN_RGB, "probably observed", flown.seen))
-        kinds.append((SURE_RGB, "certainly observed", flown.surely_seen))
+        kinds.append((POSSIBLE_RGB, "possibly observed", flown.possible_cells))
+        kinds.append((OBSERVED_RGB, "probably observed", flown.observed))
+        kinds.append((SURE_RGB, "certainly observed", flown.certain_cells))
     return _classes_layer(coverage, "coverage", "Coverage", kinds)
 
 
@@ -388,7 +397,7 @@ def gap_layer(coverage: CoverageMap, flown: FlownCoverage) -> CellLayer:
         here = codes == number + 1
         colors[here] = (*_REASON_RGB[number], 220)
         if here.any():
-            legend.append(LegendEntry(_hex(_REASON_RGB[number]), REASON_WORDS[reason]))
+            legend.append(LegendEntry(_hex(_REASON_RGB[number]), REASON_TEXTS[reason]))
     return CellLayer("gaps", "Gaps, by reason", _cells_image(coverage, colors), tuple(legend))
 
 
@@ -400,8 +409,8 @@ def ramp_layer(
     if not known.any():
         return None
     low, high = float(values[known].min()), float(values[known].max())
-    share = np.zeros(values.size) if high == low else (np.where(known, values, low) - low) / (high - low)
-    rgba = np.asarray(colormaps[colors](share, bytes=True), dtype=np.uint8)
+    fraction = np.zeros(values.size) if high == low else (np.where(known, values, low) - low) / (high - low)
+    rgba = np.asarray(colormaps[colors](fraction, bytes=True), dtype=np.uint8)
     rgba[:, 3] = np.where(known, 190, 0)
     steps = np.linspace(0.0, 1.0, FIGURES.ramp_steps if high > low else 1)
     ends = {0: label(low), len(steps) - 1: label(high)}
@@ -414,10 +423,10 @@ def ramp_layer(
 
 def _cells_image(coverage: CoverageMap, rgba: ByteArray) -> str:
     lattice = coverage.grid.cells.lattice
-    picture = np.zeros((*lattice.shape, 4), dtype=np.uint8)
+    photo = np.zeros((*lattice.shape, 4), dtype=np.uint8)
     inside = lattice >= 0
-    picture[inside] = rgba[lattice[inside]]
-    return data_uri(picture[::-1], "PNG", optimize=True)
+    photo[inside] = rgba[lattice[inside]]
+    return data_uri(photo[::-1], "PNG", optimize=True)
 
 
 def data_uri(pixels: ByteArray, kind: str, **options: object) -> str:

@@ -18,8 +18,8 @@ from uavcover.errors import InputError, OutputError
 from uavcover.report import plots
 from uavcover.report.background import Background, read_background
 from uavcover.report.content import FIGURES, ReportContent, bounds_m, read_run
-from uavcover.report.map_data import REASON_WORDS, drawn_every, map_data
-from uavcover.run.documents import bounds_in_words
+from uavcover.report.map_data import REASON_TEXTS, drawn_every, map_data
+from uavcover.run.documents import bounds_text
 from uavcover.run.folder import REPORT_FILE, RunFolder, write_text
 from uavcover.run.judged_inputs import (
     accepted_in,
@@ -28,12 +28,12 @@ from uavcover.run.judged_inputs import (
     logs_of_the_verdict,
     refuse_changes,
     same_inputs,
-    unsealed_in_words,
+    unsealed_text,
     was_flown,
 )
 from uavcover.run.provenance import note_files
 from uavcover.run.user import Unattended, User, to_paste
-from uavcover.sensing.pictures import OVERLAP_FRACTION, overlap_rule
+from uavcover.sensing.photos import OVERLAP_FRACTION, overlap_rule
 from uavcover.verification.decision import requirement_rows
 
 _HERE = Path(__file__).parent
@@ -41,7 +41,7 @@ _PAGE = _HERE / "page"
 _LEAFLET = _HERE / "vendor" / "leaflet"
 
 
-BOUND_WORDS = {
+BOUND_TEXTS = {
     "coverable_fraction": "fraction of the area that permitted positions can observe",
     "length_reference_m": "area divided by swath width (an estimate, not a bound)",
 }
@@ -143,7 +143,7 @@ def _facts(content: ReportContent) -> dict[str, Any]:
         "upload": content.upload,
         "about": content.about,
         "commands": _commands(content.about, content.plan),
-        "reason_words": REASON_WORDS,
+        "reason_words": REASON_TEXTS,
         "drawn_every": max((drawn_every(len(flight.track)) for flight in content.flights), default=1),
         "duration_s": sum(flight.duration_s for flight in content.flights),
         "max_rows": FIGURES.max_table_rows,
@@ -152,17 +152,17 @@ def _facts(content: ReportContent) -> dict[str, Any]:
 
 def _planned_tiles(content: ReportContent) -> list[tuple[str, str]]:
     """Figures of the planned flight, and the origin of its route."""
-    mission, pictures = content.plan.get("mission"), content.planned_view.statistics
+    mission, photos = content.plan.get("mission"), content.planned_view.statistics
     rows = []
     if isinstance(mission, dict):
         rows = [
             ("Flights", str(mission["sorties"])),
             ("First take-off to last landing", _duration(mission["makespan_s"])),
         ]
-    if pictures is not None:
-        rows.append(("Photos", str(pictures.taken)))
-        if pictures.ground_sample_median_m is not None:
-            rows.append(("Ground sample distance, median", f"{100.0 * pictures.ground_sample_median_m:.2f} cm"))
+    if photos is not None:
+        rows.append(("Photos", str(photos.taken)))
+        if photos.ground_sample_median_m is not None:
+            rows.append(("Ground sample distance, median", f"{100.0 * photos.ground_sample_median_m:.2f} cm"))
     return [*rows, ("Route made by", str(content.plan.get("made_by", "unknown")))]
 
 
@@ -170,11 +170,11 @@ def _bounds(plan: dict[str, Any]) -> list[tuple[str, str]]:
     """The bounds in words; one that this version does not know keeps its own name."""
     bounds = plan.get("bounds", {})
     figures = [
-        (BOUND_WORDS.get(name, name), _figure(name, value))
+        (BOUND_TEXTS.get(name, name), _figure(name, value))
         for name, value in bounds.items()
         if not isinstance(value, dict)
     ]
-    return figures + [("proved bound", line) for line in bounds_in_words(bounds)]
+    return figures + [("proved bound", line) for line in bounds_text(bounds)]
 
 
 def _figure(name: str, value: object) -> str:
@@ -205,8 +205,8 @@ def _commands(about: dict[str, Any], plan: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _percent(share: float | None, digits: int = 2) -> str:
-    return "–" if share is None else f"{100.0 * share:.{digits}f} %"
+def _percent(fraction: float | None, digits: int = 2) -> str:
+    return "–" if fraction is None else f"{100.0 * fraction:.{digits}f} %"
 
 
 def _metres(value: float | None, digits: int = 1) -> str:
@@ -303,7 +303,7 @@ def standing(run: RunFolder, logs: Sequence[Path]) -> list[str]:
     left = replace(inputs, changes=tuple(c for c in inputs.changes if c not in accepted))
     refuse_changes(run, left, (), who_accepts=to_paste("verify", run))
     notices = [f"accepted change since planning or flight: {change}" for change in inputs.changes]
-    notices += [unsealed_in_words(name) for name in inputs.unsealed]
+    notices += [unsealed_text(name) for name in inputs.unsealed]
     if flown and verdict is None:
         notices.append("the run folder contains no verdict from uavcover verify, so this report contains its own")
     elif verdict is not None and not same_inputs(verdict, inputs):

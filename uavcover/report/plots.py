@@ -100,24 +100,24 @@ def coverage_over_time(content: ReportContent, verdict: Verdict) -> Chart:
     moments, flights = verdict.report.coverage_by_time, content.flights
     start_s = float(flights[0].track.time_s[0])
     times = np.array([moment.time_s - start_s for moment in moments])
-    seen = np.array([100.0 * moment.coverage_fraction for moment in moments])
+    observed = np.array([100.0 * moment.coverage_fraction for moment in moments])
     end = max(float(flights[-1].clock_s[-1]), float(times[-1]) if times.size else 0.0, 1.0)
     # Nothing is seen before the first observation, and nothing new after the last.
     before = [0.0, float(times[0])] if times.size else [0.0]
     times = np.concatenate([before, times, [end]])
-    seen = np.concatenate([np.zeros(len(before)), seen, [100.0 * verdict.report.coverage_fraction]])
-    asked = 100.0 * content.site.scenario.requirements.min_coverage_of_coverable
+    observed = np.concatenate([np.zeros(len(before)), observed, [100.0 * verdict.report.coverage_fraction]])
+    required = 100.0 * content.site.scenario.requirements.min_coverage_of_coverable
     planned = 100.0 * content.planned.coverage_fraction
     plot = Plot((0.0, end / 60.0), (0.0, 102.0))
-    plot.between("seen", times / 60.0, np.zeros(times.size), seen)
+    plot.between("seen", times / 60.0, np.zeros(times.size), observed)
     plot.line("level", np.array([0.0, end / 60.0]), _both(planned), name="planned, of the area")
-    plot.line("limit", np.array([0.0, end / 60.0]), _both(asked), name="required, of visible ground")
+    plot.line("limit", np.array([0.0, end / 60.0]), _both(required), name="required, of visible ground")
     for number, flight in enumerate(flights):
         ends = flight.clock_s[[0, -1]]
         inside = times[(times > ends[0]) & (times < ends[1])]
         own = np.concatenate([ends[:1], inside, ends[1:]])
         name = "observed, of the area" + ("" if len(flights) == 1 else f", {flight.name}")
-        plot.line(flight_style(number), own / 60.0, np.interp(own, times, seen), name=name)
+        plot.line(flight_style(number), own / 60.0, np.interp(own, times, observed), name=name)
     return plot.finished("coverage", "Coverage over time", x_label="flight time, minutes", y_label="%")
 
 
@@ -150,7 +150,7 @@ def _trade_off(content: ReportContent, floor: float) -> Chart:
     shown_members = [
         (m, cost) for m, cost in zip(content.members, axis.members, strict=True) if m.coverage_of_coverable >= floor
     ]
-    share = np.array(
+    fraction = np.array(
         [float(b["coverage_of_coverable"]) for b, _ in shown_baselines]
         + [m.coverage_of_coverable for m, _ in shown_members]
     )
@@ -161,13 +161,13 @@ def _trade_off(content: ReportContent, floor: float) -> Chart:
         *(cost for _, cost in (*shown_members, *shown_baselines)), *([] if reference is None else [reference / 1000.0])
     ])  # fmt: skip
     if not costs.size:
-        costs, share = np.array([0.0, 1.0]), np.array([max(floor, 0.0)])
+        costs, fraction = np.array([0.0, 1.0]), np.array([max(floor, 0.0)])
     pad = 0.03 * float(np.ptp(costs))
-    low = 100.0 * float(share.min())
+    low = 100.0 * float(fraction.min())
     span = max(100.0 - low, 1.0)
     plot = Plot(
         (float(costs.min()) - pad, float(costs.max()) + pad),
-        (low - 0.05 * span, min(100.0, 100.0 * float(share.max())) + 0.05 * span),
+        (low - 0.05 * span, min(100.0, 100.0 * float(fraction.max())) + 0.05 * span),
     )
     keys = [Key("member", "Pareto set", is_mark=True)]
     if reference is not None:
@@ -199,11 +199,11 @@ def _trade_off(content: ReportContent, floor: float) -> Chart:
 
 
 def _words(
-    name: str, share: float, length_m: float, mission_s: float | None, hover_s: float | None, waypoints: int
+    name: str, fraction: float, length_m: float, mission_s: float | None, hover_s: float | None, waypoints: int
 ) -> str:
     time = "" if mission_s is None else f", {mission_s:.0f} s"
     energy = "" if hover_s is None else f", energy of {hover_s:.0f} s of hovering"
-    return f"{name}: {100.0 * share:.2f} %, {length_m:.0f} m{time}{energy}, {waypoints} waypoints"
+    return f"{name}: {100.0 * fraction:.2f} %, {length_m:.0f} m{time}{energy}, {waypoints} waypoints"
 
 
 def _size(mission: MissionSize | None) -> str:
@@ -255,19 +255,19 @@ def flown_along(content: ReportContent, flight: Flight) -> tuple[NDArray[np.int6
     to = target[on]
     start, leg = waypoints[to - 1], waypoints[to] - waypoints[to - 1]
     length = np.linalg.norm(leg, axis=1)
-    share = ((flight.enu_m[on] - start) * leg).sum(axis=1) / np.where(length > 0.0, length**2, 1.0)
-    at_m = _places_along_m(content.planned.route, waypoints)
-    return on, (at_m[to - 1] + np.clip(share, 0.0, 1.0) * length) / 1000.0
+    fraction = ((flight.enu_m[on] - start) * leg).sum(axis=1) / np.where(length > 0.0, length**2, 1.0)
+    at_m = _positions_along_m(content.planned.route, waypoints)
+    return on, (at_m[to - 1] + np.clip(fraction, 0.0, 1.0) * length) / 1000.0
 
 
-def _places_along_m(whole: Route, part_m: FloatArray) -> FloatArray:
+def _positions_along_m(whole: Route, part_m: FloatArray) -> FloatArray:
     """Distance along the whole route of each waypoint of a part; all NaN when it is not a part.
 
     A sortie, or a flight that resumes another one, flies consecutive waypoints of the whole plan; the latter may begin at a
     position on the leg to the first of them.
     """
-    index_of = {place: index for index, place in reversed(list(enumerate(_to_the_mm(whole.waypoints_m))))}
-    found = [(number, index_of[place]) for number, place in enumerate(_to_the_mm(part_m)) if place in index_of]
+    index_of = {position: index for index, position in reversed(list(enumerate(_to_the_mm(whole.waypoints_m))))}
+    found = [(number, index_of[position]) for number, position in enumerate(_to_the_mm(part_m)) if position in index_of]
     if not found:
         return np.full(len(part_m), np.nan)
     # A position that the route passes twice may match the wrong pass; most positions are passed once.
@@ -284,8 +284,8 @@ def _along_m(waypoints_m: FloatArray, begins: Sequence[int] = ()) -> FloatArray:
     return np.append(0.0, np.cumsum(legs_m))
 
 
-def _to_the_mm(places_m: FloatArray) -> list[tuple[float, ...]]:
-    return [tuple(place) for place in np.round(places_m, 3).tolist()]
+def _to_the_mm(positions_m: FloatArray) -> list[tuple[float, ...]]:
+    return [tuple(position) for position in np.round(positions_m, 3).tolist()]
 
 
 FIGURE_NAMES = ("side-view.png", "top-view.png")
@@ -328,9 +328,9 @@ def save_pareto_plot(members: tuple[ParetoRow, ...], plan: dict[str, object], pa
     listed = plan.get("baselines", [])
     baselines = [b for b in listed if isinstance(b, dict)] if isinstance(listed, list) else []
     axis = trade_off_axis(members, baselines, plan.get("objective"))
-    seen = [100.0 * m.coverage_of_coverable for m in members]
+    observed = [100.0 * m.coverage_of_coverable for m in members]
     points = axes.scatter(
-        axis.members, seen, c=[m.waypoint_count for m in members], cmap="viridis", s=26, label="Pareto set"
+        axis.members, observed, c=[m.waypoint_count for m in members], cmap="viridis", s=26, label="Pareto set"
     )
     figure.colorbar(points, ax=axes, label="waypoints")
     if baselines:
@@ -401,8 +401,10 @@ def _top_view(content: ReportContent) -> Figure:
     waypoints = content.planned.route.waypoints_m
     axes.scatter(waypoints[:, 0], waypoints[:, 1], color=_PLANNED, s=12, zorder=3)
     if len(waypoints) <= FIGURES.max_numbers:
-        for number, place in enumerate(waypoints):
-            axes.annotate(str(number), place[:2], xytext=(3, 3), textcoords="offset points", fontsize=6, color="white")
+        for number, position in enumerate(waypoints):
+            axes.annotate(
+                str(number), position[:2], xytext=(3, 3), textcoords="offset points", fontsize=6, color="white"
+            )
     axes.set(xlabel="east, m", ylabel="north, m", title=content.site.scenario.name, aspect="equal")
     axes.legend(loc="upper right")
     return figure

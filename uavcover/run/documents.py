@@ -87,17 +87,17 @@ def _mission(plan: Plan) -> dict[str, Any] | None:
 
 def bound_document(bound: Bound) -> dict[str, Any]:
     """One entry of ``bounds``, under the name of its question."""
-    asked: dict[str, float] = {"for_coverage_of_coverable": bound.asked}
+    required: dict[str, float] = {"for_coverage_of_coverable": bound.required}
     if bound.question == "most_coverage":
-        asked = {"with_waypoints": int(bound.asked)}
+        required = {"with_waypoints": int(bound.required)}
     limit = "at_most" if bound.question == "most_coverage" else "at_least"
     return {
-        **asked, limit: bound.limit, "found": bound.found, "gap": bound.gap,
+        **required, limit: bound.limit, "found": bound.found, "gap": bound.gap,
         "proved_on": bound.proved_on, "method": bound.method, "counted": bound.counted,
     }  # fmt: skip
 
 
-def bound_in_words(question: str, entry: dict[str, Any]) -> str:
+def bound_text(question: str, entry: dict[str, Any]) -> str:
     """An entry of ``bounds`` as one line. Raises InputError: it is none."""
     try:
         found, gap = entry["found"], entry["gap"]
@@ -111,24 +111,24 @@ def bound_in_words(question: str, entry: dict[str, Any]) -> str:
             which = " (by the shortest of all routes)" if question == "shortest_path_m" else ""
             found_text = None if found is None else f"{found:.0f}{unit}{which}"
         text = f"{what}, found {found_text or 'none'}"
-        gap_text = "" if gap is None else f", {_gap_in_words(gap)}"
+        gap_text = "" if gap is None else f", {_gap_text(gap)}"
         return f"{text}{gap_text}; proved for {entry['proved_on']}, by {entry['method']}"
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"plan.json: bounds.{question} is not a bound ({type(error).__name__}: {error})") from error
 
 
-def _gap_in_words(gap: float) -> str:
+def _gap_text(gap: float) -> str:
     """The gap as a fraction of the bound, or as a multiple of it."""
     return f"gap {_percent(gap)}" if gap <= 1.0 else f"{1.0 + gap:.1f} times that"
 
 
-def bounds_in_words(bounds: dict[str, Any]) -> list[str]:
+def bounds_text(bounds: dict[str, Any]) -> list[str]:
     """The proved bounds of a plan, a line each."""
-    return [bound_in_words(name, bounds[name]) for name in get_args(Question) if name in bounds]
+    return [bound_text(name, bounds[name]) for name in get_args(Question) if name in bounds]
 
 
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.2f} %"
+def _percent(fraction: float) -> str:
+    return f"{100.0 * fraction:.2f} %"
 
 
 def _waypoints(site: Site, points_m: FloatArray) -> list[dict[str, float | None]]:

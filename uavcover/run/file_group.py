@@ -19,7 +19,7 @@ from uavcover.errors import OutputError
 
 JOURNAL = ".uavcover-journal.json"
 _STAGED, _PART = ".uavcover-staged-", ".uavcover-part-"
-_AWAY, _PLACE = "away", "place"
+_AWAY, _INSTALL = "away", "place"
 
 Step = tuple[str, str, str]
 """Kind, from where and to where, both relative to the folder. What goes away never meets a file where it goes."""
@@ -157,7 +157,7 @@ def _stage(
 ) -> list[Step]:
     """Write the new files into the staging folder; the renames that are to be made."""
     away: list[Step] = []
-    place: list[Step] = []
+    install: list[Step] = []
     for source, target in moved.items():
         if os.path.lexists(folder / target):
             raise FileExistsError(None, "a file with this name exists", str(folder / target))
@@ -165,13 +165,13 @@ def _stage(
     for number, (name, content) in enumerate(contents.items()):
         new = staged / f"new-{number}"
         _fill(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666), content)
-        place.append((_PLACE, f"{staged.name}/{new.name}", name))
+        install.append((_INSTALL, f"{staged.name}/{new.name}", name))
         if name not in moved and os.path.lexists(folder / name):
             away.append((_AWAY, name, f"{staged.name}/old-{number}"))
     for number, name in enumerate(gone):
         if name not in moved:
             away.append((_AWAY, name, f"{staged.name}/gone-{number}"))
-    return away + place
+    return away + install
 
 
 def _forward(folder: Path, steps: Iterable[Step]) -> None:
@@ -179,7 +179,7 @@ def _forward(folder: Path, steps: Iterable[Step]) -> None:
         begun, done = os.path.lexists(folder / source), os.path.lexists(folder / target)
         if kind == _AWAY and begun and not done:
             os.rename(folder / source, folder / target)
-        elif kind == _PLACE and begun:
+        elif kind == _INSTALL and begun:
             if done:
                 raise FileExistsError(None, "a file or folder with this name exists", str(folder / target))
             (folder / target).parent.mkdir(parents=True, exist_ok=True)  # its folder may have gone away whole
@@ -188,7 +188,7 @@ def _forward(folder: Path, steps: Iterable[Step]) -> None:
 
 def _back(folder: Path, steps: Iterable[Step]) -> None:
     for kind, source, target in reversed(list(steps)):
-        if kind == _PLACE and not os.path.lexists(folder / source):
+        if kind == _INSTALL and not os.path.lexists(folder / source):
             os.rename(folder / target, folder / source)
         elif kind == _AWAY and os.path.lexists(folder / target):
             if (folder / source).is_dir():

@@ -73,8 +73,8 @@ def inspect_inputs(run: RunFolder, logs: Sequence[Path]) -> JudgedInputs:
     if any(not folder.file("plan.json").exists() for folder in folders.values()):
         # a log from elsewhere is judged by the plan that it followed: any of these.
         folders |= {folder.path.resolve(): folder for folder in plans_of(run)[1:]}
-    for place, folder in folders.items():
-        if place != run.path.resolve() and any(folder.file(name).exists() for name in ("plan.json", "run.json")):
+    for resolved, folder in folders.items():
+        if resolved != run.path.resolve() and any(folder.file(name).exists() for name in ("plan.json", "run.json")):
             finding.add_followed(folder, record)
     finding.add_tracks(logs)
     scenario_sha256 = sha256_of(path)
@@ -151,7 +151,7 @@ def accepted_in(document: dict[str, Any]) -> set[Change]:
     }
 
 
-def unsealed_in_words(name: str) -> str:
+def unsealed_text(name: str) -> str:
     """Message about a track without a recorded end."""
     return f"{name}: run.json does not record the end of the flight, so the file may have been changed"
 
@@ -351,8 +351,8 @@ def logs_of_the_verdict(run: RunFolder) -> list[Path]:
 
 
 def _log_named(run: RunFolder, name: str, sha256: object) -> Path:
-    places = [run.file(name), run.path.resolve().parent / name, Path(name)]
-    found = next((place for place in places if place.is_file() and sha256_of(place) == sha256), None)
+    locations = [run.file(name), run.path.resolve().parent / name, Path(name)]
+    found = next((path for path in locations if path.is_file() and sha256_of(path) == sha256), None)
     if found is None:
         raise InputError(
             f"{run}: the verdict refers to {name}, which is missing or has changed; specify the log with --log PATH/{name}"

@@ -143,7 +143,7 @@ class Workers:
         from distributed.comm import CommClosedError
 
         what = function.__name__.strip("_")
-        file = share(shared) if self._here else None
+        file = shared_file(shared) if self._here else None
         packed = b"" if file is not None else pickle.dumps(shared, protocol=5)
         name, size = (hashlib.sha256(packed).hexdigest(), len(packed)) if file is None else (file.sha256, file.size)
         name = name[:16]
@@ -361,7 +361,7 @@ def can_share_files() -> bool:
     return sys.platform == "linux" and os.path.isdir(f"/proc/{os.getpid()}/fd")
 
 
-def share(value: object) -> SharedFile:
+def shared_file(value: object) -> SharedFile:
     """Write an object into a file without a name; close it after the last worker has opened it.
 
     Large read-only arrays lie in it as they are; each reader copies the others, and may change them.

@@ -29,7 +29,7 @@ from uavcover.model.track import (
     COLUMNS,
     MAY_BE_EMPTY,
     OPTIONAL_COLUMNS,
-    PICTURES_COLUMN,
+    PHOTOS_COLUMN,
     UNIX_TIME_COLUMN,
     ReadTrack,
     Track,
@@ -225,9 +225,9 @@ def read_track_with_warnings(path: Path) -> ReadTrack:
     warnings += [f"{path}: {repair}" for repair in dialect.repairs]
     optional = [name for name in OPTIONAL_COLUMNS if name in header]
     columns = (*COLUMNS, *optional)
-    places = {name: header.index(name) for name in columns}
+    positions = {name: header.index(name) for name in columns}
     try:
-        values = np.array(list(_numbers(path, rows, places)), dtype=float).reshape(-1, len(columns))
+        values = np.array(list(_numbers(path, rows, positions)), dtype=float).reshape(-1, len(columns))
     except FormatError as error:
         raise TrackError(f"{path}: {error}") from error
     if len(values) == 0:
@@ -302,23 +302,23 @@ def _is_plausible(values: Mapping[str, FloatArray]) -> bool:
     if any(np.isnan(column).any() for name, column in values.items() if name not in MAY_BE_EMPTY):
         return False
     waypoint, unknown = values["current_waypoint"], np.full(1, np.nan)
-    pictures, unix_s = values.get(PICTURES_COLUMN, unknown), values.get(UNIX_TIME_COLUMN, unknown)
-    pictures, unix_s = pictures[np.isfinite(pictures)], unix_s[np.isfinite(unix_s)]
+    photos, unix_s = values.get(PHOTOS_COLUMN, unknown), values.get(UNIX_TIME_COLUMN, unknown)
+    photos, unix_s = photos[np.isfinite(photos)], unix_s[np.isfinite(unix_s)]
     return bool(
         (np.diff(values["time_s"]) > 0.0).all()
         and (np.abs(values["lat_deg"]) <= 90.0).all()
         and (np.abs(values["lon_deg"]) <= 180.0).all()
         and (waypoint == np.floor(waypoint)).all()
-        and ((pictures >= 0.0) & (pictures == np.floor(pictures))).all()
+        and ((photos >= 0.0) & (photos == np.floor(photos))).all()
         and (unix_s.size == 0 or (is_flight_time(float(unix_s.min())) and is_flight_time(float(unix_s.max()))))
     )
 
 
-def _numbers(path: Path, rows: Iterable[tuple[int, list[str]]], places: dict[str, int]) -> Iterable[list[float]]:
+def _numbers(path: Path, rows: Iterable[tuple[int, list[str]]], positions: dict[str, int]) -> Iterable[list[float]]:
     """The values of each row at these columns, in order, each checked."""
     before_s = -math.inf
     for line, row in rows:
-        values = [_number(path, line, name, row, place) for name, place in places.items()]
+        values = [_number(path, line, name, row, position) for name, position in positions.items()]
         time_s, lat_deg, lon_deg = values[:3]
         if time_s <= before_s:
             raise TrackError(f"{path}: line {line}, time_s: {time_s!r} is not later than the previous {before_s!r}")
@@ -326,10 +326,10 @@ def _numbers(path: Path, rows: Iterable[tuple[int, list[str]]], places: dict[str
             raise TrackError(f"{path}: line {line}, lat_deg: {lat_deg!r}, {lon_deg!r} is not a position on Earth")
         if not values[_WAYPOINT].is_integer():
             raise TrackError(f"{path}: line {line}, current_waypoint: {values[_WAYPOINT]!r} is not a whole number")
-        named = dict(zip(places, values, strict=True))
-        pictures = named.get(PICTURES_COLUMN, 0.0)
-        if not (math.isnan(pictures) or (pictures >= 0.0 and pictures.is_integer())):
-            raise TrackError(f"{path}: line {line}, {PICTURES_COLUMN}: {pictures!r} is not a number of photos")
+        named = dict(zip(positions, values, strict=True))
+        photos = named.get(PHOTOS_COLUMN, 0.0)
+        if not (math.isnan(photos) or (photos >= 0.0 and photos.is_integer())):
+            raise TrackError(f"{path}: line {line}, {PHOTOS_COLUMN}: {photos!r} is not a number of photos")
         unix_s = named.get(UNIX_TIME_COLUMN, math.nan)
         if not (math.isnan(unix_s) or is_flight_time(unix_s)):
             raise TrackError(f"{path}: line {line}, {UNIX_TIME_COLUMN}: {unix_s!r} is not a time since 1970")
@@ -342,15 +342,15 @@ def _written(value: float) -> str:
     return "" if math.isnan(value) else repr(value)
 
 
-def _number(path: Path, line: int, name: str, row: list[str], place: int) -> float:
-    if place >= len(row):
+def _number(path: Path, line: int, name: str, row: list[str], position: int) -> float:
+    if position >= len(row):
         raise TrackError(f"{path}: line {line}, {name}: the value is missing; the line has {len(row)} values")
-    if name in MAY_BE_EMPTY and not row[place].strip():
+    if name in MAY_BE_EMPTY and not row[position].strip():
         return math.nan
     try:
-        value = plain_float(row[place].strip())
+        value = plain_float(row[position].strip())
     except ValueError:
-        raise TrackError(f"{path}: line {line}, {name}: {row[place]!r} is not a number") from None
+        raise TrackError(f"{path}: line {line}, {name}: {row[position]!r} is not a number") from None
     if not math.isfinite(value):
-        raise TrackError(f"{path}: line {line}, {name}: {row[place]!r} is not a finite number")
+        raise TrackError(f"{path}: line {line}, {name}: {row[position]!r} is not a finite number")
     return value

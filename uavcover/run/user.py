@@ -59,7 +59,7 @@ class User(Protocol):
     def say(self, line: str = "") -> None:
         """Tell something."""
 
-    def say_limits(self, head: str, rows: Sequence[Mapping[str, Any]]) -> None:
+    def show_limits(self, head: str, rows: Sequence[Mapping[str, Any]]) -> None:
         """Tell the head of a vehicle's table of limits, whose lines follow, and its rows as values for programs."""
 
     def warn(self, line: str) -> None:
@@ -92,7 +92,7 @@ class Unattended:
         if line:
             self._log.info(line)
 
-    def say_limits(self, head: str, rows: Sequence[Mapping[str, Any]]) -> None:
+    def show_limits(self, head: str, rows: Sequence[Mapping[str, Any]]) -> None:
         """Log the head at level INFO."""
         del rows
         self.say(head)
@@ -160,9 +160,9 @@ class _NoRequests:
         return False
 
 
-def percent(share: float | None) -> str:
+def percent(fraction: float | None) -> str:
     """A share 0..1 as text."""
-    return "-" if share is None else f"{100.0 * share:.2f} %"
+    return "-" if fraction is None else f"{100.0 * fraction:.2f} %"
 
 
 def metres(value: float | None) -> str:

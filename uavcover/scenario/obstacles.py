@@ -140,10 +140,10 @@ def leg_breaches(ground: Ground, route_m: FloatArray, limits: Obstacles) -> Floa
     return _breaches(ground, route[:-1], route[1:], limits)
 
 
-def waypoint_breaches(ground: Ground, places_m: FloatArray, limits: Obstacles) -> FloatArray:
+def waypoint_breaches(ground: Ground, positions_m: FloatArray, limits: Obstacles) -> FloatArray:
     """(n, 3) the same for (n, 3) ENU positions alone."""
-    places = read_only(places_m).reshape(-1, 3)
-    return _breaches(ground, places, places, limits)
+    positions = read_only(positions_m).reshape(-1, 3)
+    return _breaches(ground, positions, positions, limits)
 
 
 def _breaches(ground: Ground, begins: FloatArray, ends: FloatArray, limits: Obstacles) -> FloatArray:
@@ -280,7 +280,7 @@ def read_kml_obstacles(path: Path, *, key: str) -> tuple[Obstacle, ...]:
         for number, mark in enumerate(marks):
             name = child_text(mark, "name") or str(number)
             for polygon in (each for each in mark.iter() if local_name(each) == "Polygon"):
-                found.append(_obstacle(polygon, _told_height_m(mark), name))
+                found.append(_obstacle(polygon, _stated_height_m(mark), name))
     except (FormatError, ValueError) as error:
         raise ScenarioError(f"{key}: {path}: {error}") from error
     except OSError as error:
@@ -290,7 +290,7 @@ def read_kml_obstacles(path: Path, *, key: str) -> tuple[Obstacle, ...]:
     return tuple(found)
 
 
-def _told_height_m(mark: ElementTree.Element) -> float | None:
+def _stated_height_m(mark: ElementTree.Element) -> float | None:
     for each in mark.iter():
         if each.attrib.get("name", "").casefold() in _HEIGHT_NAMES and local_name(each) in ("Data", "SimpleData"):
             text = child_text(each, "value") if local_name(each) == "Data" else (each.text or "").strip()
@@ -298,33 +298,35 @@ def _told_height_m(mark: ElementTree.Element) -> float | None:
     return None
 
 
-def _obstacle(polygon: ElementTree.Element, told_m: float | None, name: str) -> Obstacle:
+def _obstacle(polygon: ElementTree.Element, stated_m: float | None, name: str) -> Obstacle:
     rings: list[Ring] = []
     tops: list[float] = []
     boundaries = [each for each in polygon if local_name(each) in ("outerBoundaryIs", "innerBoundaryIs")]
     for boundary in sorted(boundaries, key=lambda each: local_name(each) != "outerBoundaryIs"):
         text = next((each.text or "" for each in boundary.iter() if local_name(each) == "coordinates"), "")
-        corners = [[number_in(part, f"{name}, coordinates") for part in place.split(",")] for place in text.split()]
+        corners = [
+            [number_in(part, f"{name}, coordinates") for part in position.split(",")] for position in text.split()
+        ]
         if any(len(corner) < 2 for corner in corners):
             raise ScenarioError(f"{name}: a corner has no longitude and latitude")
         rings.append(tuple((corner[0], corner[1]) for corner in corners))
         tops += [corner[2] for corner in corners if len(corner) > 2]
-    if told_m is None:
+    if stated_m is None:
         mode = child_text(polygon, "altitudeMode") or "clampToGround"
         if mode != "relativeToGround" or not tops:
             raise ScenarioError(
                 f"polygon {name!r} has no height above ground (altitudeMode {mode}); save it with relativeToGround, "
                 "or add the data field height_m"
             )
-        told_m = max(tops)
-    return Obstacle(height_m=told_m, rings_lon_lat_deg=tuple(rings), name=name)
+        stated_m = max(tops)
+    return Obstacle(height_m=stated_m, rings_lon_lat_deg=tuple(rings), name=name)
 
 
-def check_is_clear(key: str, scenario: Scenario, place_en: FloatArray, footprints: list[Footprint]) -> None:
+def check_is_clear(key: str, scenario: Scenario, position_en: FloatArray, footprints: list[Footprint]) -> None:
     """Refuse a home or rally point that is nearer to an obstacle than its clearance."""
     clearance_m = scenario.obstacles.clearance_beside_m
     for footprint in footprints:
-        distance_m = footprint.polygon.distance(shapely.Point(place_en))
+        distance_m = footprint.polygon.distance(shapely.Point(position_en))
         if distance_m < clearance_m:
             raise ScenarioError(
                 f"{key}: the position is {distance_m:.1f} m from obstacle {footprint.name!r}, but "

@@ -56,13 +56,13 @@ def with_fleet(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
     if count == 1:
         _refuse_of_several(first, f"{source}: vehicle.0")
     homes = [table.get("home", home) for table in listed]
-    if missing := [number for number, place in enumerate(homes) if place is None]:
+    if missing := [number for number, position in enumerate(homes) if position is None]:
         raise ScenarioError(
             f"{source}: vehicle.{missing[0]}.home: the key is missing, and there is no [home] for vehicles without their own home"
         )
     if home is not None and home not in homes:
         raise ScenarioError(f"{source}: home: every [[vehicle]] has its own home; remove [home]")
-    own = [{**table, "home": place} for table, place in zip(listed, homes, strict=True)]
+    own = [{**table, "home": position} for table, position in zip(listed, homes, strict=True)]
     alike = {key: value for key, value in first.items() if key not in (*_OF_SEVERAL, "link", "system_id")}
     return raw | {"vehicle": alike, "vehicles": own, "home": homes[0], "fleet": fleet}
 
@@ -94,7 +94,7 @@ def _with_launch_points(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
             raise ScenarioError(f"{source}: {LAUNCH_POINTS}.{number - 1}: duplicates an earlier position; remove it")
     others = {key: value for key, value in raw.items() if key != LAUNCH_POINTS}
     return others | {
-        "vehicle": [{**vehicle, "home": place} for place in homes],
+        "vehicle": [{**vehicle, "home": position} for position in homes],
         "fleet": {key: value for key, value in fleet.items() if key != "vehicles"} | {"one_at_a_time": True},
     }
 
@@ -224,14 +224,14 @@ def bounds_deg(area: Outline, scenario: Scenario) -> tuple[float, float, float, 
     """
     rings = [rings[0] for rings in area.parts] if area.is_geographic else []
     rings += scenario.limits.fence_rings_lon_lat_deg
-    places = [place for ring in rings for place in across_180(ring)[0]]
-    for place in (scenario.home, scenario.origin, *(vehicle.home for vehicle in scenario.vehicles)):
-        if place is not None and place.lat_deg is not None and place.lon_deg is not None:
-            beside = places[0][0] if places else place.lon_deg
-            places.append((place.lon_deg + 360.0 * round((beside - place.lon_deg) / 360.0), place.lat_deg))
-    if not places:
+    positions = [position for ring in rings for position in across_180(ring)[0]]
+    for position in (scenario.home, scenario.origin, *(vehicle.home for vehicle in scenario.vehicles)):
+        if position is not None and position.lat_deg is not None and position.lon_deg is not None:
+            beside = positions[0][0] if positions else position.lon_deg
+            positions.append((position.lon_deg + 360.0 * round((beside - position.lon_deg) / 360.0), position.lat_deg))
+    if not positions:
         return None
-    lons, lats = zip(*places, strict=True)
+    lons, lats = zip(*positions, strict=True)
     return min(lons), min(lats), max(lons), max(lats)
 
 

@@ -274,8 +274,8 @@ def _mistakes(errors: list[ErrorDetails], raw: dict[str, Any], *, launched: bool
         if raw.get("vehicles") and keys[:1] == ["vehicle"]:
             continue  # the first one of the list, whose mistakes are named there
         if launched and keys[:1] == ["vehicles"] and len(keys) > 2:
-            place = ["home"] if keys[1] == 0 else [LAUNCH_POINTS, int(keys[1]) - 1]
-            keys = [*place, *keys[3:]] if keys[2] == "home" else ["vehicle", *keys[2:]]
+            parent = ["home"] if keys[1] == 0 else [LAUNCH_POINTS, int(keys[1]) - 1]
+            keys = [*parent, *keys[3:]] if keys[2] == "home" else ["vehicle", *keys[2:]]
         elif keys[:1] == ["vehicles"]:
             keys[0] = "vehicle"
         begin, section, classes = keys[:1], raw.get(str(keys[0])) if keys else None, _section_classes(*keys[:1])

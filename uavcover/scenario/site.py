@@ -139,9 +139,9 @@ class Site:
         """Height of the bare ground above sea level; None where unknown, and for a site that is not georeferenced."""
         if self.frame is None:
             return None
-        place = self.frame.enu_from_geodetic(lat_deg, lon_deg, 0.0)
-        place[:, 2] = self.bare_ground.heights_m(place[:, :2])
-        alt_amsl_m = float(self.alts_amsl_m(place)[0])
+        position = self.frame.enu_from_geodetic(lat_deg, lon_deg, 0.0)
+        position[:, 2] = self.bare_ground.heights_m(position[:, :2])
+        alt_amsl_m = float(self.alts_amsl_m(position)[0])
         return alt_amsl_m if math.isfinite(alt_amsl_m) else None
 
 
@@ -184,8 +184,8 @@ def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None 
     if home_en is not None and not fence.covers(shapely.Point(home_en)):
         raise ScenarioError("home: the take-off position is outside limits.fence; move the position or the fence")
     rally = rally_en(scenario, frame)
-    for number, place in enumerate(rally):
-        if not fence.covers(shapely.Point(place)):
+    for number, position in enumerate(rally):
+        if not fence.covers(shapely.Point(position)):
             raise ScenarioError(f"planner.rally.{number}: the position is outside limits.fence; move the rally point")
     footprints = _footprints(scenario, frame, shapely.union_all([area, fence]))
     bounds = shapely.union_all([area, fence, *(footprint.polygon for footprint in footprints)]).bounds
@@ -196,8 +196,8 @@ def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None 
     if footprints:
         clearance_m = max(scenario.obstacles.clearance_beside_m, scenario.uncertainty.position_m)
         ground, prisms = stand_on(ground, footprints, largest_clearance_m=clearance_m, foot=bare_ground)
-    places = fence if home_en is None else shapely.union_all([fence, shapely.Point(home_en)])
-    near_zones = local_zones(scenario.no_fly, frame, places)
+    positions = fence if home_en is None else shapely.union_all([fence, shapely.Point(home_en)])
+    near_zones = local_zones(scenario.no_fly, frame, positions)
     zones = tuple(zone for zone in near_zones if zone.entry.in_force(scenario.flight_window))
     if home_en is not None:
         check_is_clear("home", scenario, home_en, footprints)
@@ -212,13 +212,13 @@ def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None 
         home = np.array([home_en[0], home_en[1], home_up])
         home.flags.writeable = False
         check_is_outside("home", zones, home, alt_amsl_offset_m)
-    for number, (place, up) in enumerate(zip(rally, bare_ground.heights_m(rally), strict=True)):
+    for number, (position, up) in enumerate(zip(rally, bare_ground.heights_m(rally), strict=True)):
         if not np.isfinite(up):
             raise TerrainError(
                 f"planner.rally.{number}: there is no elevation data at this position ({bare_ground.source})"
             )
-        check_is_clear(f"planner.rally.{number}", scenario, place, footprints)
-        check_is_outside(f"planner.rally.{number}", zones, np.array([*place, up]), alt_amsl_offset_m)
+        check_is_clear(f"planner.rally.{number}", scenario, position, footprints)
+        check_is_outside(f"planner.rally.{number}", zones, np.array([*position, up]), alt_amsl_offset_m)
     return Site(
         scenario=scenario, frame=frame, ground=ground, area=area, fence=fence, home_m=home, prisms=prisms, zones=zones,
         other_zones=tuple(zone for zone in near_zones if zone not in zones),
@@ -290,8 +290,8 @@ def _check_near(
     area_key = f"{several}_{'lon_lat_deg' if scenario.area.is_geographic else 'east_north_m'}"
     fence_key = scenario.limits.fence_key or "fence_margin_m"
     home = [] if home_en is None else [("home", shapely.Point(home_en))]
-    for key, place in [*home, (f"area.{area_key}", area), (f"limits.{fence_key}", fence)]:
-        reach_m = float(np.abs(shapely.bounds(place)).max())
+    for key, position in [*home, (f"area.{area_key}", area), (f"limits.{fence_key}", fence)]:
+        reach_m = float(np.abs(shapely.bounds(position)).max())
         if not reach_m <= MAX_REACH_M:
             raise ScenarioError(
                 f"{key}: the position is {reach_m / 1000.0:.0f} km from the origin of the local frame; the limit is "
@@ -327,14 +327,14 @@ def rally_en(scenario: Scenario, frame: LocalFrame | None) -> FloatArray:
     return frame.en_from_lon_lat(given)
 
 
-def _footprints(scenario: Scenario, frame: LocalFrame | None, places: shapely.Geometry) -> list[Footprint]:
+def _footprints(scenario: Scenario, frame: LocalFrame | None, positions: shapely.Geometry) -> list[Footprint]:
     """The obstacles that stand in area or fence, or near enough to matter there."""
     found = []
     for number, prism in enumerate(scenario.obstacles.prisms):
         rings = [_polygon(ring, frame).exterior for ring in prism.rings_lon_lat_deg]
         rings += [shapely.LinearRing(ring) for ring in prism.rings_east_north_m]
         polygon = shapely.Polygon(rings[0], rings[1:])
-        if polygon.distance(places) <= TERRAIN_MARGIN_M:
+        if polygon.distance(positions) <= TERRAIN_MARGIN_M:
             found.append(Footprint(prism.name or str(number), polygon, prism.height_m))
     return found
 
@@ -365,8 +365,8 @@ def _fence(
                 "fly between them; make the polygons overlap"
             )
         return fence
-    places = [area] if home_en is None else [area, shapely.Point(home_en)]
-    grown = shapely.union_all(places).convex_hull.buffer(limits.fence_margin_m, join_style="mitre")
+    positions = [area] if home_en is None else [area, shapely.Point(home_en)]
+    grown = shapely.union_all(positions).convex_hull.buffer(limits.fence_margin_m, join_style="mitre")
     # Few vertices: a fence is uploaded item by item. Simplifying outwards would need more; the hull has few already.
     return grown if isinstance(grown, shapely.Polygon) else shapely.Polygon(grown.exterior)
 

@@ -13,7 +13,7 @@ from uavcover.model.area import RasterTerrain
 from uavcover.model.scenario import Scenario
 from uavcover.scenario.scenario_file import surface_source
 from uavcover.terrain.elevation_file import read_ground
-from uavcover.terrain.frames import Bounds, LocalFrame, finish_frame, places_of_nodes_m
+from uavcover.terrain.frames import Bounds, LocalFrame, finish_frame, positions_of_nodes_m
 from uavcover.terrain.ground import Ground, ground_of_nodes
 from uavcover.terrain.terrain_source import FILES
 
@@ -117,7 +117,7 @@ def higher_of(ground: Ground, surface: Ground, *, bounds_m: Bounds, alt_amsl_off
         own = base.surface.up_m[part].ravel()
         row, column = np.divmod(np.arange(own.size), columns)
         nodes = np.column_stack([column, row + first]).astype(float)
-        there = _up_at_nodes_m(other, places_of_nodes_m(base.surface.grid, nodes, own), bounds_m)
+        there = _up_at_nodes_m(other, positions_of_nodes_m(base.surface.grid, nodes, own), bounds_m)
         surface_m, ground_m = (own, there) if surface_is_finer else (there, own)
         up[part] = np.where(np.isfinite(ground_m), np.maximum(surface_m, ground_m), surface_m).reshape(-1, columns)
     grid = base.surface.grid
@@ -138,17 +138,17 @@ def of_surface(error: TerrainError) -> TerrainError:
     return TerrainError(text if text.startswith("terrain.surface_") else f"terrain.surface_file: {text}")
 
 
-def _up_at_nodes_m(ground: Ground, places_m: FloatArray, bounds_m: Bounds) -> FloatArray:
+def _up_at_nodes_m(ground: Ground, positions_m: FloatArray, bounds_m: Bounds) -> FloatArray:
     """(k,) up coordinate of a ground on the plumb lines of (k, 3) positions. At their east and north without a height."""
-    known = np.isfinite(places_m[:, 2])
-    up = np.full(len(places_m), np.nan)
-    up[~known] = ground.heights_m(places_m[~known, :2]) if not known.all() else math.nan
+    known = np.isfinite(positions_m[:, 2])
+    up = np.full(len(positions_m), np.nan)
+    up[~known] = ground.heights_m(positions_m[~known, :2]) if not known.all() else math.nan
     west, south, east, north = bounds_m
-    inwards = _ROUNDING_M * np.sign((0.5 * (west + east), 0.5 * (south + north)) - places_m[:, :2])
+    inwards = _ROUNDING_M * np.sign((0.5 * (west + east), 0.5 * (south + north)) - positions_m[:, :2])
     # Files of one extent end at the same place, which rounding puts outside of one of them.
     for nudge in (0.0, inwards):
         lacking = np.isnan(up) & known
-        moved = places_m.copy()
+        moved = positions_m.copy()
         moved[:, :2] += nudge
         if lacking.any():
             up[lacking] = moved[lacking, 2] - ground.heights_agl_m(moved[lacking])
@@ -159,14 +159,14 @@ def _scattered(bounds_m: Bounds) -> FloatArray:
     """(n, 2) places spread evenly over a box, in no step of any grid."""
     west, south, east, north = bounds_m
     number = np.arange(_COMPARED) + 0.5
-    shares = np.column_stack([number / _COMPARED, np.mod(number * 0.5 * (np.sqrt(5.0) - 1.0), 1.0)])
-    return np.asarray((west, south) + shares * (east - west, north - south))
+    fractions = np.column_stack([number / _COMPARED, np.mod(number * 0.5 * (np.sqrt(5.0) - 1.0), 1.0)])
+    return np.asarray((west, south) + fractions * (east - west, north - south))
 
 
 def _rises_above_m(higher: Ground, models: tuple[Ground, Ground], bounds_m: Bounds) -> float:
-    places = _scattered(bounds_m)
-    up = higher.heights_m(places)
-    above = [model.heights_m(places) - up for model in models]
+    positions = _scattered(bounds_m)
+    up = higher.heights_m(positions)
+    above = [model.heights_m(positions) - up for model in models]
     return max(float(np.max(part, initial=0.0, where=np.isfinite(part))) for part in above)
 
 
@@ -222,26 +222,26 @@ def refuse_misfit(ground: Ground, surface: Ground, *, bounds_m: Bounds, alt_amsl
         raise TerrainError(
             "terrain.surface_file: this is the same file as terrain.file; use the file with trees and roofs, or remove this key"
         )
-    places = _scattered(bounds_m)
-    ground_m, surface_m = ground.heights_m(places), surface.heights_m(places)
+    positions = _scattered(bounds_m)
+    ground_m, surface_m = ground.heights_m(positions), surface.heights_m(positions)
     refuse_other_heights(ground_m + alt_amsl_offset_m, surface_m + alt_amsl_offset_m, surface=surface.source)
     known = np.isfinite(ground_m) & np.isfinite(surface_m)
     difference = (surface_m - ground_m)[known]
-    slopes = np.nan_to_num(np.hypot(*ground.gradients(places[known]).T))
+    slopes = np.nan_to_num(np.hypot(*ground.gradients(positions[known]).T))
     allowed_m = _NOISE_M + 0.5 * max(ground.surface.step_m, surface.surface.step_m) * slopes
     # What stands on a ground is above it; where more is under it, the two are exchanged, or one is older than the other.
-    share = float(np.mean(difference < -allowed_m))
-    mostly_below = share > _MORE_BELOW * float(np.mean(difference > allowed_m))
+    fraction = float(np.mean(difference < -allowed_m))
+    mostly_below = fraction > _MORE_BELOW * float(np.mean(difference > allowed_m))
     lowest_m = -float(difference.min())
-    if share > _MOST_BELOW or (share > _SOME_BELOW and mostly_below):
+    if fraction > _MOST_BELOW or (fraction > _SOME_BELOW and mostly_below):
         raise TerrainError(
-            f"terrain.surface_file: {surface.source} lies below the ground in terrain.file at {100.0 * share:.0f} % "
+            f"terrain.surface_file: {surface.source} lies below the ground in terrain.file at {100.0 * fraction:.0f} % "
             f"of the nodes, by up to {lowest_m:.1f} m; check that the files are not swapped (file: the ground; "
             "surface_file: the surface with trees and roofs), and that location and datum agree"
         )
-    if share > _FEW_BELOW and mostly_below:
+    if fraction > _FEW_BELOW and mostly_below:
         _log.warning(
             "terrain.surface_file: %s lies below the ground in terrain.file at %.2f %% of the nodes, by up to %.1f "
             "m, and above it less often; check that the files are not swapped; flights stay above both",
-            surface.source, 100.0 * share, lowest_m,
+            surface.source, 100.0 * fraction, lowest_m,
         )  # fmt: skip

@@ -91,18 +91,18 @@ def on_pads(site: Site) -> Site:
             f"fleet.pad_spacing_m: {spacing_m:g} is below separation_m + 2 path_error_m + 2 limits.max_home_error_m "
             f"= {least_m:g}; increase it, lower max_home_error_m, or use 0 for a single home"
         )
-    places, objection = [home[:2]], ""
-    for place_en, axes in _candidates(site, home[:2], spacing_m + _ROUNDING_M):
-        if len(places) == fleet.vehicles:
+    positions, objection = [home[:2]], ""
+    for position_en, axes in _candidates(site, home[:2], spacing_m + _ROUNDING_M):
+        if len(positions) == fleet.vehicles:
             break
-        if min(float(np.linalg.norm(axes @ (place - place_en))) for place in places) < spacing_m:
+        if min(float(np.linalg.norm(axes @ (position - position_en))) for position in positions) < spacing_m:
             continue
         try:
-            _check_pad(site, place_en)
-            places.append(place_en)
+            _check_pad(site, position_en)
+            positions.append(position_en)
         except UavcoverError as error:
             objection = objection or str(error)
-    homes = [scenario.home, *(_home_at(site, place_en) for place_en in places[1:])]
+    homes = [scenario.home, *(_home_at(site, position_en) for position_en in positions[1:])]
     if len(homes) < fleet.vehicles:
         raise ScenarioError(
             f"fleet.vehicles: beside [home] there is room for only {len(homes)} of {fleet.vehicles} pads "
@@ -114,7 +114,7 @@ def on_pads(site: Site) -> Site:
     own = scenario.vehicle
     if link is not None and not link.startswith("mock:"):
         own = dataclasses.replace(own, link=None, system_id=None)
-    vehicles = tuple(dataclasses.replace(own, home=place) for place in homes)
+    vehicles = tuple(dataclasses.replace(own, home=position) for position in homes)
     return dataclasses.replace(
         site, scenario=dataclasses.replace(scenario, vehicle=own, vehicles=vehicles, home=homes[0])
     )
@@ -149,17 +149,17 @@ def _candidates(site: Site, home_en: FloatArray, spacing_m: float) -> Iterator[t
         yield home_en + spacing_m * (column * across + row * ahead), np.eye(2)
 
 
-def _check_pad(site: Site, place_en: FloatArray) -> None:
+def _check_pad(site: Site, position_en: FloatArray) -> None:
     """Refuse a pad outside the fence, on steep or unknown ground, beside an obstacle, or in a no-fly zone.
 
     Raises:
         UavcoverError: it is; the text says why.
     """
     scenario, fleet = site.scenario, site.scenario.fleet
-    if not site.fence.covers(shapely.Point(place_en).buffer(fleet.path_error_m)):
+    if not site.fence.covers(shapely.Point(position_en).buffer(fleet.path_error_m)):
         raise ScenarioError("a pad lies outside limits.fence, or at its edge")
     reach_m = max(fleet.path_error_m, 1.0)
-    up_m, *around_m = site.bare_ground.heights_m(np.vstack([place_en, place_en + reach_m * _AROUND])).tolist()
+    up_m, *around_m = site.bare_ground.heights_m(np.vstack([position_en, position_en + reach_m * _AROUND])).tolist()
     if not all(map(math.isfinite, (up_m, *around_m))):
         raise ScenarioError(f"a pad has no elevation data ({site.bare_ground.source})")
     slope_deg = math.degrees(
@@ -169,19 +169,19 @@ def _check_pad(site: Site, place_en: FloatArray) -> None:
         raise ScenarioError(
             f"the ground at a pad slopes by {slope_deg:.0f} degrees, but fleet.max_pad_slope_deg is {fleet.max_pad_slope_deg:g}"
         )
-    check_is_clear("pad", scenario, place_en, [prism.footprint for prism in site.prisms])
+    check_is_clear("pad", scenario, position_en, [prism.footprint for prism in site.prisms])
     if site.ground_model is not None and isinstance(scenario.terrain, RasterTerrain):
-        check_home_is_open(scenario.terrain, site.ground, place_en, up_m)
-    check_is_outside("pad", site.zones, np.array([*place_en, up_m]), site.alt_amsl_offset_m)
+        check_home_is_open(scenario.terrain, site.ground, position_en, up_m)
+    check_is_outside("pad", site.zones, np.array([*position_en, up_m]), site.alt_amsl_offset_m)
 
 
-def _home_at(site: Site, place_en: FloatArray) -> Home:
+def _home_at(site: Site, position_en: FloatArray) -> Home:
     """A pad as a home, in degrees where [home] is."""
     given, frame = site.scenario.home, site.frame
     if frame is None or given is None or given.lat_deg is None:
-        return Home(east_m=round(float(place_en[0]), 3), north_m=round(float(place_en[1]), 3))
-    up_m = float(site.bare_ground.heights_m(place_en)[0])
-    lat, lon, _ = frame.geodetic_from_enu(np.array([*place_en, up_m]))
+        return Home(east_m=round(float(position_en[0]), 3), north_m=round(float(position_en[1]), 3))
+    up_m = float(site.bare_ground.heights_m(position_en)[0])
+    lat, lon, _ = frame.geodetic_from_enu(np.array([*position_en, up_m]))
     return Home(lat_deg=round(float(lat[0]), 8), lon_deg=round(float(lon[0]), 8))
 
 

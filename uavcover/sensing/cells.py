@@ -20,7 +20,7 @@ from uavcover.scenario.site import Site, once
 from uavcover.sensing.sensors import sight_for_cells
 from uavcover.terrain.ground import Ground
 
-MOST_PLACES = 160_000
+MOST_POSITIONS = 160_000
 """This number is enough for any ground."""
 
 _PROBED = 10_000
@@ -75,9 +75,9 @@ class CellGrid:
         """Number of cells."""
         return int(self.weight_m2.size)
 
-    def share(self, seen: NDArray[np.bool_]) -> float:
-        """Fraction of the ground area in the cells marked in ``seen`` (n,), 0..1 (Eq. 1)."""
-        return float(self.weight_m2[seen].sum() / self.area_m2)
+    def fraction(self, observed: NDArray[np.bool_]) -> float:
+        """Fraction of the ground area in the cells marked in ``observed`` (n,), 0..1 (Eq. 1)."""
+        return float(self.weight_m2[observed].sum() / self.area_m2)
 
     @property
     def area_m2(self) -> float:
@@ -85,7 +85,7 @@ class CellGrid:
         return float(self.weight_m2.sum()) + self.hidden_m2
 
     @property
-    def hidden_share(self) -> float:
+    def hidden_fraction(self) -> float:
         """Fraction of the ground that trees and roofs of the surface model hide, 0..1."""
         return self.hidden_m2 / self.area_m2
 
@@ -217,19 +217,19 @@ def _cut(
         )
     index = np.full(inside.shape, -1, dtype=np.int32)
     index[inside] = np.arange(int(inside.sum()), dtype=np.int32)
-    places = np.column_stack([grid_e[inside], grid_n[inside]])
+    positions = np.column_stack([grid_e[inside], grid_n[inside]])
     del grid_e, grid_n
-    up = site.ground.heights_m(places)
-    slopes = site.ground.gradients(places)
+    up = site.ground.heights_m(positions)
+    slopes = site.ground.gradients(positions)
     if not (np.isfinite(up).all() and np.isfinite(slopes).all()):
-        raise TerrainError(_missing(site, site.ground, places, ~np.isfinite(up), rows))
+        raise TerrainError(_missing(site, site.ground, positions, ~np.isfinite(up), rows))
     # The ground under an obstacle cannot be observed: there the cell is part of its flat roof.
-    roof = site.ground.roofs_m(places)
+    roof = site.ground.roofs_m(positions)
     up = np.maximum(up, roof)
     slopes[np.isfinite(roof)] = 0.0
     steepness = np.sqrt(1.0 + (slopes**2).sum(axis=1))
-    centre = np.column_stack([places, up])
-    normal = np.column_stack([-slopes, np.ones(len(places))]) / steepness[:, None]
+    centre = np.column_stack([positions, up])
+    normal = np.column_stack([-slopes, np.ones(len(positions))]) / steepness[:, None]
     weight = cell_size_m**2 * steepness
     scatter_m = 0.0 if steps is None else cell_size_m * math.sqrt(0.5)
     obstacles, reach_m = site.ground.surface.obstacles, site.scenario.sensor.reach_m + scatter_m
@@ -261,15 +261,15 @@ def _without_hidden(
     terrain = site.scenario.terrain
     if site.ground_model is None or not isinstance(terrain, RasterTerrain):
         return inside, 0.0
-    places = np.column_stack([grid_e[inside], grid_n[inside]])
-    bare, top = site.bare_ground.heights_m(places), site.ground.heights_m(places)
+    positions = np.column_stack([grid_e[inside], grid_n[inside]])
+    bare, top = site.bare_ground.heights_m(positions), site.ground.heights_m(positions)
     for model, known in ((site.bare_ground, np.isfinite(bare)), (site.ground, np.isfinite(top))):
         if not known.all():
-            raise TerrainError(_missing(site, model, places, ~known, rows))
-    hidden = (top - bare > terrain.surface_hides_m) & ~np.isfinite(site.ground.roofs_m(places))
+            raise TerrainError(_missing(site, model, positions, ~known, rows))
+    hidden = (top - bare > terrain.surface_hides_m) & ~np.isfinite(site.ground.roofs_m(positions))
     left = inside.copy()
     left[inside] = ~hidden
-    slopes = np.nan_to_num(site.bare_ground.gradients(places[hidden]))
+    slopes = np.nan_to_num(site.bare_ground.gradients(positions[hidden]))
     return left, float(cell_size_m**2 * np.sqrt(1.0 + (slopes**2).sum(axis=1)).sum())
 
 
@@ -289,8 +289,8 @@ def _rises(site: Site, centre: FloatArray, scatter_m: float, *, closely: bool) -
 
 def _spread(count: int, step: float) -> NDArray[np.float64]:
     """(count,) numbers in -0.5..0.5, each ``step`` after the previous one modulo 1; evenly spread for an irrational step."""
-    shares: NDArray[np.float64] = (np.arange(count, dtype=np.float64) + 0.5) * step
-    return np.asarray(shares % 1.0 - 0.5, dtype=np.float64)
+    fractions: NDArray[np.float64] = (np.arange(count, dtype=np.float64) + 0.5) * step
+    return np.asarray(fractions % 1.0 - 0.5, dtype=np.float64)
 
 
 def _spread_of_halves(count: int, step: float) -> NDArray[np.float64]:
@@ -300,9 +300,9 @@ def _spread_of_halves(count: int, step: float) -> NDArray[np.float64]:
 
 
 def _missing(
-    site: Site, model: Ground, places: NDArray[np.float64], missing: NDArray[np.bool_], rows: range | None
+    site: Site, model: Ground, positions: NDArray[np.float64], missing: NDArray[np.bool_], rows: range | None
 ) -> str:
-    first = places[missing][:1]
+    first = positions[missing][:1]
     where = f"{first[0, 0]:.0f} m east, {first[0, 1]:.0f} m north of the origin"
     if site.frame is not None:
         lon, lat = site.frame.lon_lat_from_en(first)[0]
@@ -331,7 +331,7 @@ def judged_cell_size_m(site: Site) -> float:
     area = site.scenario.area
     if isinstance(site.scenario.terrain, SineCosineTerrain):
         return area.cell_size_m
-    return cell_size_for(site, fewest=area.fewest_places, most=MOST_PLACES, largest_m=area.cell_size_m)
+    return cell_size_for(site, fewest=area.fewest_places, most=MOST_POSITIONS, largest_m=area.cell_size_m)
 
 
 def is_judged_on_smaller_cells(site: Site) -> bool:

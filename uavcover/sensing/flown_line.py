@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray, read_only
-from uavcover.kernels.coverage import picture_places
+from uavcover.kernels.coverage import photo_positions
 from uavcover.kernels.flight_time import BLENDED, BRAKED, Pace, speeds_over_ground, turn_times
-from uavcover.kernels.turning_nose import Pieces, braked_speeds_m_s, turned_line
+from uavcover.kernels.yaw_in_turns import Pieces, braked_speeds_m_s, turned_line
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicles import pace_of
 from uavcover.sensing.sensors import trigger_distance_m, turns_with_legs
@@ -31,7 +31,7 @@ With seven, the camera turns 10° less there than in flight.
 _LEAST_OFF_M = 0.02
 """A path that passes its waypoint this closely goes through it."""
 
-_TURNING_SHARE = 0.05
+_TURNING_FRACTION = 0.05
 """Fraction of the cruise speed below which the yaw is held (AC_PosControl::calculate_yaw_and_rate_yaw)."""
 
 _HEIGHT_RADIUS_M = 0.8
@@ -45,11 +45,11 @@ class RoundedCorners(NamedTuple):
     """Paths around waypoints.
 
     Attributes:
-        places_m: (n, points, 3) ENU, from leg to leg, in even steps of time.
+        positions_m: (n, points, 3) ENU, from leg to leg, in even steps of time.
         step_s: (n,) seconds between two of them.
     """
 
-    places_m: FloatArray
+    positions_m: FloatArray
     step_s: FloatArray
 
 
@@ -58,11 +58,11 @@ class FlownLine:
     """A line that is flown.
 
     Attributes:
-        places_m: (k, 3) ENU.
+        positions_m: (k, 3) ENU.
         headings: (k - 1, 2) heading on each of its pieces, east and north, of any length.
     """
 
-    places_m: FloatArray
+    positions_m: FloatArray
     headings: FloatArray
 
 
@@ -72,7 +72,7 @@ def line_flown(site: Site, route_m: FloatArray) -> FlownLine:
     The first and last corners depend on the transit, which is unknown here; they make no difference if the line is close to its
     legs. PX4 turns towards the next waypoint before it reaches the current one and flies approximately through it; the route ends
     where the last waypoint is accepted. For a sensor that turns with the legs, the line has pieces on which the vehicle yaws
-    (:mod:`uavcover.kernels.turning_nose`).
+    (:mod:`uavcover.kernels.yaw_in_turns`).
     """
     turns = turns_with_legs(site.scenario.sensor.sight)
     if _is_braked(site) and len(route_m) > 0:
@@ -81,30 +81,30 @@ def line_flown(site: Site, route_m: FloatArray) -> FlownLine:
     if corners is None or len(route_m) == 1:
         return FlownLine(route_m, np.diff(route_m[:, :2], axis=0))
     middle = _CORNER_POINTS // 2
-    rounded = np.linalg.norm(corners.places_m[:, middle] - route_m, axis=1) > _LEAST_OFF_M
+    rounded = np.linalg.norm(corners.positions_m[:, middle] - route_m, axis=1) > _LEAST_OFF_M
     # All positions of each corner, or only the waypoint if it is passed exactly.
     numbers = np.arange(_CORNER_POINTS)
     kept = rounded[:, None] | (numbers == middle)
-    corners.places_m[~rounded, middle] = route_m[~rounded]
-    places = corners.places_m[kept]
-    ways = np.diff(places[:, :2], axis=0)
+    corners.positions_m[~rounded, middle] = route_m[~rounded]
+    positions = corners.positions_m[kept]
+    steps = np.diff(positions[:, :2], axis=0)
     # Of each piece of the line; a leg after a corner has no fixed time.
     steps_s = np.where(rounded[:, None] & (numbers < _CORNER_POINTS - 1), corners.step_s[:, None], 0.0)[kept][:-1]
-    slow = np.hypot(ways[:, 0], ways[:, 1]) < _TURNING_SHARE * pace_of(site).cruise_m_s * steps_s
+    slow = np.hypot(steps[:, 0], steps[:, 1]) < _TURNING_FRACTION * pace_of(site).cruise_m_s * steps_s
     there = heading_there(site, route_m[0])
-    headings = _kept(np.vstack([there, ways]), np.append(False, slow))[1:]
+    headings = _kept(np.vstack([there, steps]), np.append(False, slow))[1:]
     sizes = kept.sum(axis=1)
     first = sizes[0] - 1 - sizes[0] // 4
-    last = len(places) - sizes[-1] + 1 + sizes[-1] // 4
+    last = len(positions) - sizes[-1] + 1 + sizes[-1] // 4
     if turns:
         # A leg begins at the speed of the corner's end, or from rest after a stop.
-        size_m = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        size_m = np.linalg.norm(np.diff(positions, axis=0), axis=1)
         speeds_m_s = np.where(steps_s > 0.0, size_m / np.maximum(steps_s, _LEAST_S), 0.0)
         begins_m_s = np.minimum(np.append(0.0, speeds_m_s[:-1]), pace_of(site).cruise_m_s)
         pieces = Pieces(headings, steps_s, size_m, begins_m_s)
-        places, headings, numbers = turned_line(pace_of(site), places, pieces, there)
+        positions, headings, numbers = turned_line(pace_of(site), positions, pieces, there)
         first, last = int(numbers[first]), int(numbers[last - 1]) + 1
-    return FlownLine(np.ascontiguousarray(places[first:last]), headings[first : last - 1])
+    return FlownLine(np.ascontiguousarray(positions[first:last]), headings[first : last - 1])
 
 
 def _braked_line(site: Site, route_m: FloatArray, *, turns: bool) -> FlownLine:
@@ -113,17 +113,17 @@ def _braked_line(site: Site, route_m: FloatArray, *, turns: bool) -> FlownLine:
     The vehicle yaws towards the next waypoint as soon as one is accepted. A leg that is barely longer than the radius leaves
     little time.
     """
-    passed_m = places_passed_m(site, route_m)
-    places = np.vstack([route_m[:-1], passed_m[-1:]])
-    ways = np.diff(places[:, :2], axis=0)
-    if not turns or len(ways) == 0:
-        return FlownLine(places, ways)
+    passed_m = positions_passed_m(site, route_m)
+    positions = np.vstack([route_m[:-1], passed_m[-1:]])
+    steps = np.diff(positions[:, :2], axis=0)
+    if not turns or len(steps) == 0:
+        return FlownLine(positions, steps)
     pace, there = pace_of(site), heading_there(site, route_m[0])
-    courses = np.where(np.hypot(ways[:, :1], ways[:, 1:]) > 0.0, route_m[1:, :2] - passed_m[:-1, :2], 0.0)
+    courses = np.where(np.hypot(steps[:, :1], steps[:, 1:]) > 0.0, route_m[1:, :2] - passed_m[:-1, :2], 0.0)
     lengths_m = np.linalg.norm(np.diff(passed_m, axis=0), axis=1)
     begins_m_s = braked_speeds_m_s(pace, np.diff(route_m[:, :2], axis=0), there)
-    turned = turned_line(pace, places, Pieces(courses, np.zeros(len(ways)), lengths_m, begins_m_s), there)
-    return FlownLine(turned.places_m, turned.headings)
+    turned = turned_line(pace, positions, Pieces(courses, np.zeros(len(steps)), lengths_m, begins_m_s), there)
+    return FlownLine(turned.positions_m, turned.headings)
 
 
 def _kept(values: FloatArray, missing: BoolArray) -> FloatArray:
@@ -132,7 +132,7 @@ def _kept(values: FloatArray, missing: BoolArray) -> FloatArray:
     return np.ascontiguousarray(values[before])
 
 
-def places_passed_m(site: Site, route_m: FloatArray) -> FloatArray:
+def positions_passed_m(site: Site, route_m: FloatArray) -> FloatArray:
     """(n, 3) positions at which each waypoint of an (n, 3) ENU route counts as passed.
 
     PX4 accepts it where the leg comes within ``corner_radius_m`` of it on the map, near its height.
@@ -142,18 +142,18 @@ def places_passed_m(site: Site, route_m: FloatArray) -> FloatArray:
     if site.home_m is not None and _is_braked(site):
         return _reached_m(pace_of(site), _above_home_m(site, site.home_m), route_m)
     corners = _corners(site, route_m)
-    return route_m if corners is None else np.ascontiguousarray(corners.places_m[:, _CORNER_POINTS // 2])
+    return route_m if corners is None else np.ascontiguousarray(corners.positions_m[:, _CORNER_POINTS // 2])
 
 
 def _reached_m(pace: Pace, begin_m: FloatArray, route_m: FloatArray) -> FloatArray:
     """(n, 3) positions at which (n, 3) waypoints are accepted, each on the straight line from the last one."""
-    places, place = np.empty_like(route_m), begin_m
+    positions, position = np.empty_like(route_m), begin_m
     for k, point in enumerate(route_m):
-        level, rise = math.hypot(point[0] - place[0], point[1] - place[1]), abs(point[2] - place[2])
+        level, rise = math.hypot(point[0] - position[0], point[1] - position[1]), abs(point[2] - position[2])
         short = min(1.0, pace.corner_radius_m / max(level, _LEAST_M), _HEIGHT_RADIUS_M / max(rise, _LEAST_M))
-        place = point + short * (place - point)
-        places[k] = place
-    return places
+        position = point + short * (position - point)
+        positions[k] = position
+    return positions
 
 
 def _above_home_m(site: Site, home_m: FloatArray) -> FloatArray:
@@ -169,12 +169,12 @@ def corners_flown(site: Site, route_m: FloatArray) -> FloatArray | None:
     corners = _corners(site, route_m)
     if corners is None:
         return None
-    places, middle = corners.places_m, _CORNER_POINTS // 2
-    places[0, :middle], places[-1, middle + 1 :] = places[0, middle], places[-1, middle]
-    return places
+    positions, middle = corners.positions_m, _CORNER_POINTS // 2
+    positions[0, :middle], positions[-1, middle + 1 :] = positions[0, middle], positions[-1, middle]
+    return positions
 
 
-def pictures_on(line_m: FloatArray, trigger_m: float) -> tuple[IntArray, FloatArray]:
+def photos_on(line_m: FloatArray, trigger_m: float) -> tuple[IntArray, FloatArray]:
     """Trigger points along a line, by distance.
 
     Args:
@@ -184,9 +184,9 @@ def pictures_on(line_m: FloatArray, trigger_m: float) -> tuple[IntArray, FloatAr
     Returns:
         (m,) the piece of the line that each is taken on, and (m, 3) positions.
     """
-    pieces, shares = picture_places(line_m, trigger_m)
+    pieces, fractions = photo_positions(line_m, trigger_m)
     onward_m = line_m[np.minimum(pieces + 1, len(line_m) - 1)] - line_m[pieces]
-    return pieces, np.ascontiguousarray(line_m[pieces] + shares[:, None] * onward_m)
+    return pieces, np.ascontiguousarray(line_m[pieces] + fractions[:, None] * onward_m)
 
 
 def heading_there(site: Site, first_m: FloatArray) -> FloatArray:
@@ -220,7 +220,7 @@ def _corners(site: Site, route_m: FloatArray) -> RoundedCorners | None:
     corners = rounded_corners(pace, np.vstack([top, route_m, top]))
     if trigger_distance_m(site.scenario) is not None:
         # The mission contains the waypoint at which photos begin twice, and stops there.
-        corners.places_m[0] = route_m[0]
+        corners.positions_m[0] = route_m[0]
     return corners
 
 
@@ -231,17 +231,17 @@ def rounded_corners(pace: Pace, points_m: FloatArray) -> RoundedCorners:
         pace: of the vehicle, BLENDED.
         points_m: ENU.
     """
-    ways = np.diff(points_m, axis=0)
-    length = np.linalg.norm(ways, axis=1)
-    unit = ways / np.maximum(length, _LEAST_M)[:, None]
+    steps = np.diff(points_m, axis=0)
+    length = np.linalg.norm(steps, axis=1)
+    unit = steps / np.maximum(length, _LEAST_M)[:, None]
     ramp = _Ramps(pace, unit, length)
     # Time before its end at which a leg may let the next one begin; it is tested when the time of smoothing has passed.
     begins_s = -turn_times(pace, read_only(points_m))[1:-1]
     slower = np.sqrt(ramp.slower[:-1] * ramp.slower[1:])
     blend_s = np.maximum(0.0, begins_s / slower - pace.smoothing_s)
-    shares = np.linspace(0.0, 1.0, _CORNER_POINTS)
-    short_m = ramp.ways_m(slice(None, -1), blend_s[:, None] * (1.0 - shares))
-    onward_m = ramp.ways_m(slice(1, None), blend_s[:, None] * shares)
+    fractions = np.linspace(0.0, 1.0, _CORNER_POINTS)
+    short_m = ramp.distances_m(slice(None, -1), blend_s[:, None] * (1.0 - fractions))
+    onward_m = ramp.distances_m(slice(1, None), blend_s[:, None] * fractions)
     corners = points_m[1:-1, None] - short_m[:, :, None] * unit[:-1, None] + onward_m[:, :, None] * unit[1:, None]
     return RoundedCorners(corners, blend_s / (_CORNER_POINTS - 1))
 
@@ -273,7 +273,7 @@ class _Ramps:
         quickest_s = length_m / self._peak + self._ramp_s
         self.slower = quickest_s / (quickest_s + pace.smoothing_s)
 
-    def ways_m(self, legs: slice, seconds: FloatArray) -> FloatArray:
+    def distances_m(self, legs: slice, seconds: FloatArray) -> FloatArray:
         """(k, m) metres along k legs after (k, m) seconds from rest."""
         ramp_s, peak = self._ramp_s[legs, None], self._peak[legs, None]
         time = np.minimum(seconds * self.slower[legs, None], ramp_s)

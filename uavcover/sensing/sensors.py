@@ -24,14 +24,14 @@ from uavcover.kernels.sight import CONE, FRUSTUM, SPHERE, LocalSlopes, Sight, ho
 from uavcover.kernels.surface import Surface
 from uavcover.model.scenario import Scenario
 from uavcover.model.sensor import FrameCamera, Sensor
-from uavcover.model.sensor_base import CameraTurn, FlatPicture, Rays, rays_to
+from uavcover.model.sensor_base import CameraTurn, FlatPhoto, Rays, rays_to
 from uavcover.scenario.site import Site
 
 _LEVEL = 1e-9
 """Cosine of the pitch of a camera that looks straight down."""
 _DIRECTIONS = 12
 _RADII = (0.35, 0.7, 0.95)
-_BAND_SHARES = (0.5, 0.0, 1.0)
+_BAND_FRACTIONS = (0.5, 0.0, 1.0)
 _AHEAD = (0.5, 0.05, 0.95)
 _ACROSS = (0.0, -0.9, 0.9)
 LONGEST_SPACING_M = 10.0
@@ -43,7 +43,7 @@ def turns_with_legs(sight: Sight) -> bool:
     return sight.kind == FRUSTUM and math.isnan(sight.heading_e)
 
 
-def whatever_heading(sight: Sight) -> Sight:
+def any_heading(sight: Sight) -> Sight:
     """A sensor whose view contains this one's for every heading, used as a bound; itself if heading has no effect."""
     if not turns_with_legs(sight):
         return sight
@@ -61,13 +61,13 @@ def narrowed(sight: Sight, *, margin_m: float, reach_m: float) -> Sight:
     For a camera, this holds at the height where it reaches ``reach_m``. A photo loses the same angle at the bottom and top as at
     its sides, because the ground there is as near or farther away.
     """
-    share = max(0.1, 1.0 - margin_m / max(reach_m, 1e-9))
+    fraction = max(0.1, 1.0 - margin_m / max(reach_m, 1e-9))
     if sight.kind == FRUSTUM:
-        along = max(0.1 * sight.tan_half_along, sight.tan_half_along - (1.0 - share) * sight.tan_half_fov)
-        return sight._replace(tan_half_fov=sight.tan_half_fov * share, tan_half_along=along)
+        along = max(0.1 * sight.tan_half_along, sight.tan_half_along - (1.0 - fraction) * sight.tan_half_fov)
+        return sight._replace(tan_half_fov=sight.tan_half_fov * fraction, tan_half_along=along)
     if sight.kind == CONE:
-        return sight._replace(tan_half_fov=sight.tan_half_fov * share)
-    return sight._replace(reach_m=sight.reach_m * share)
+        return sight._replace(tan_half_fov=sight.tan_half_fov * fraction)
+    return sight._replace(reach_m=sight.reach_m * fraction)
 
 
 def keeping_inside(sight: Sight, margin_m: float, height_agl_m: float) -> Sight:
@@ -119,7 +119,7 @@ def sample_spacing_m(scenario: Scenario) -> float:
         return LONGEST_SPACING_M if stated is None else stated
     reach_m = min(seeing)
     if stated is None:
-        teeth = sensor.flat_picture(low) is not None and not turns_with_legs(sensor.sight)
+        teeth = sensor.flat_photo(low) is not None and not turns_with_legs(sensor.sight)
         return min(LONGEST_SPACING_M, reach_m / (12.0 if teeth else 3.0))
     if stated > reach_m and sensor.looks_along_path and trigger_distance_m(scenario) is None:
         raise ScenarioError(
@@ -131,8 +131,8 @@ def sample_spacing_m(scenario: Scenario) -> float:
 
 def _half_footprint_m(sensor: Sensor, height_agl_m: float) -> float:
     """Half the swath width on flat ground, or half a photo's length along the path if that is shorter."""
-    reach_m, picture = sensor.half_width_m(height_agl_m), sensor.flat_picture(height_agl_m)
-    return reach_m if picture is None else min(reach_m, 0.5 * picture.length_m)
+    reach_m, photo = sensor.half_width_m(height_agl_m), sensor.flat_photo(height_agl_m)
+    return reach_m if photo is None else min(reach_m, 0.5 * photo.length_m)
 
 
 def trigger_distance_m(scenario: Scenario) -> float | None:
@@ -161,23 +161,23 @@ def frame_camera(sensor: Sensor, *, source: str) -> FrameCamera:
 
 
 @dataclass(frozen=True, slots=True)
-class TrialPlace:
+class TrialPosition:
     """A position relative to a cell, with the heading of a level vehicle there.
 
     Attributes:
         east_m, north_m: from the cell.
-        band_share: fraction 0..1 of the permitted heights at that point.
+        band_fraction: fraction 0..1 of the permitted heights at that point.
         heading_e, heading_n: of the vehicle.
     """
 
     east_m: float
     north_m: float
-    band_share: float
+    band_fraction: float
     heading_e: float
     heading_n: float
 
 
-def trial_places(scenario: Scenario) -> Iterator[TrialPlace]:
+def trial_positions(scenario: Scenario) -> Iterator[TrialPosition]:
     """The positions tried for every cell, the most promising first.
 
     They are directly above it and 36 positions around, each at three heights of the band. For a frame camera, they are the
@@ -186,27 +186,27 @@ def trial_places(scenario: Scenario) -> Iterator[TrialPlace]:
     """
     limits, sensor = scenario.limits, scenario.sensor
     low, high = limits.min_height_agl_m, limits.max_height_agl_m
-    pictures = [(share, sensor.flat_picture(low + share * (high - low))) for share in _BAND_SHARES]
+    photos = [(fraction, sensor.flat_photo(low + fraction * (high - low))) for fraction in _BAND_FRACTIONS]
     if sensor.turns_with_vehicle or sensor.heading_deg is not None:
-        yield from _by_picture(sensor.heading_deg, pictures)
+        yield from _by_photo(sensor.heading_deg, photos)
         return
-    reach = max(sensor.half_width_m(low + share * (high - low)) for share in _BAND_SHARES)
+    reach = max(sensor.half_width_m(low + fraction * (high - low)) for fraction in _BAND_FRACTIONS)
     offsets = [(0.0, 0.0)] + [(reach * r * math.cos(a), reach * r * math.sin(a)) for r in _RADII for a in _angles_rad()]
-    for (east, north), share in itertools.product(offsets, _BAND_SHARES):
-        yield TrialPlace(east, north, share, 0.0, 1.0)
+    for (east, north), fraction in itertools.product(offsets, _BAND_FRACTIONS):
+        yield TrialPosition(east, north, fraction, 0.0, 1.0)
 
 
-def _by_picture(stated: float | None, pictures: Sequence[tuple[float, FlatPicture | None]]) -> Iterator[TrialPlace]:
+def _by_photo(stated: float | None, photos: Sequence[tuple[float, FlatPhoto | None]]) -> Iterator[TrialPosition]:
     headings = _angles_rad() if stated is None else [math.radians(90.0 - stated)]
-    for ahead, across, (share, picture) in itertools.product(_AHEAD, _ACROSS, pictures):
-        if picture is None:
+    for ahead, across, (fraction, photo) in itertools.product(_AHEAD, _ACROSS, photos):
+        if photo is None:
             continue
-        forward = picture.near_m + ahead * (picture.far_m - picture.near_m)
+        forward = photo.near_m + ahead * (photo.far_m - photo.near_m)
         for angle in headings:
             he, hn = math.cos(angle), math.sin(angle)
             # The cell is ``forward`` ahead of the place and ``across`` to the right of it.
-            right = across * picture.half_width_m
-            yield TrialPlace(-forward * he - right * hn, -forward * hn + right * he, share, he, hn)
+            right = across * photo.half_width_m
+            yield TrialPosition(-forward * he - right * hn, -forward * hn + right * he, fraction, he, hn)
 
 
 def _angles_rad() -> list[float]:
@@ -237,15 +237,15 @@ def wide_open(sight: Sight) -> Sight:
     return sight._replace(tan_half_fov=_WIDE, tan_half_along=_WIDE) if sight.kind in {CONE, FRUSTUM} else sight
 
 
-def seen_often(
-    site: Site, cells: Cells, places_m: FloatArray, headings: FloatArray, looks: tuple[int, float] = (1, 0.0)
+def observed_often(
+    site: Site, cells: Cells, positions_m: FloatArray, headings: FloatArray, looks: tuple[int, float] = (1, 0.0)
 ) -> IntArray:
     """(cells,) number of the observation with which each cell was observed as often as needed; -1 if never.
 
     Args:
         site: with such a sensor, on a level vehicle.
         cells: of the area.
-        places_m: (k, 3) ENU.
+        positions_m: (k, 3) ENU.
         headings: (k, 2) direction east and north; (0, 0) without one.
         looks: required number of observations, and their least distance from each other, metres.
     """
@@ -254,28 +254,28 @@ def seen_often(
     found, times = np.full(count, -1, dtype=np.int64), np.zeros(count, dtype=np.int64)
     counted = np.full((count, needed, 3), np.inf)
     turn = level_turns(sensor, headings)
-    for k in np.flatnonzero(turn.known & np.isfinite(places_m).all(axis=1)):
+    for k in np.flatnonzero(turn.known & np.isfinite(positions_m).all(axis=1)):
         near = in_own_view(
-            sensor, cells, SensorPose(places_m[k], turn.axes[k], turn.tops[k]), sensor.in_view, times < needed
+            sensor, cells, SensorPose(positions_m[k], turn.axes[k], turn.tops[k]), sensor.in_view, times < needed
         )
-        seen = kernels.first_seen(surface, sight, near, places_m[k : k + 1], headings[k : k + 1]) >= 0
-        new = np.flatnonzero(seen)
+        observed = kernels.first_observed(surface, sight, near, positions_m[k : k + 1], headings[k : k + 1]) >= 0
+        new = np.flatnonzero(observed)
         if apart_m > 0.0:
-            new = new[(np.linalg.norm(counted[new] - places_m[k], axis=2) >= apart_m).all(axis=1)]
-        counted[new, times[new]] = places_m[k]
+            new = new[(np.linalg.norm(counted[new] - positions_m[k], axis=2) >= apart_m).all(axis=1)]
+        counted[new, times[new]] = positions_m[k]
         times[new] += 1
         found[new[times[new] == needed]] = k
     return found
 
 
-def sees_each(
-    site: Site, places_m: FloatArray, headings: FloatArray, centres: FloatArray, normals: FloatArray
+def observes_each(
+    site: Site, positions_m: FloatArray, headings: FloatArray, centres: FloatArray, normals: FloatArray
 ) -> BoolArray:
     """(k,) whether each of k observations of a sensor with its own view observes the cell of the same row."""
     sensor = site.scenario.sensor
     turn = level_turns(sensor, headings)
-    rays = rays_to((centres - places_m).T, turn.axes, turn.tops)
-    clear = kernels.sees_each(site.ground.surface, wide_open(sensor.sight), places_m, headings, centres, normals)
+    rays = rays_to((centres - positions_m).T, turn.axes, turn.tops)
+    clear = kernels.observes_each(site.ground.surface, wide_open(sensor.sight), positions_m, headings, centres, normals)
     return np.asarray(clear & turn.known & sensor.in_view(rays))
 
 
@@ -342,7 +342,7 @@ def _add_by_own_view(
     for own, known in zip(apart, (counts.sure, counts.possible), strict=True):
         for each in (own.sure, own.possible):
             each[:] = known
-        own.places[:] = counts.places
+        own.positions[:] = counts.positions
     for k in np.flatnonzero(np.isfinite(poses.eyes).all(axis=1) & np.isfinite(poses.tops).all(axis=1)):
         one = SensorPoses(*(rows[k : k + 1] for rows in poses))
         for test, how, into in passes:
@@ -352,4 +352,4 @@ def _add_by_own_view(
             count_rows(surface, slopes, sight, how, near, one, (0, 1), into)
             into.first[new[into.first[new] >= 0]] = k
     counts.sure[:], counts.possible[:] = apart[0].sure, apart[1].possible
-    counts.places[1], counts.places[2] = apart[0].places[1], apart[1].places[2]
+    counts.positions[1], counts.positions[2] = apart[0].positions[1], apart[1].positions[2]

@@ -27,7 +27,7 @@ from uavcover.sensing.cells import (
     make_other_cells,
     make_refined_cells,
 )
-from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, RecentlySeen
+from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, RecentlyObserved
 
 
 @once
@@ -81,7 +81,7 @@ def finer_map(site: Site) -> CoverageMap | None:
     if site.scenario.limits.applies_to == "waypoints":
         return None
     if is_judged_on_smaller_cells(site):
-        return _other_places(site)
+        return _other_positions(site)
     if judging_map(site).grid.count * 4 > _MOST_FINER_CELLS:
         return None
     return _refined(site)
@@ -93,7 +93,7 @@ def _refined(site: Site) -> CoverageMap:
 
 
 @once
-def _other_places(site: Site) -> CoverageMap:
+def _other_positions(site: Site) -> CoverageMap:
     return CoverageMap(site, cell_size_m=judged_cell_size_m(site), cut=make_other_cells)
 
 
@@ -166,14 +166,14 @@ class BlockLook:
         weight_m2: (count,) as in :class:`CellGrid`; empty if not requested.
         hidden_m2: as in :class:`CellGrid`; 0 where it was not requested.
         coverable: (count,) packed; empty where it was not requested.
-        seen: for each route (count,) packed.
+        observed: for each route (count,) packed.
     """
 
     count: int
     weight_m2: FloatArray
     hidden_m2: float
     coverable: Bits
-    seen: tuple[Bits, ...]
+    observed: tuple[Bits, ...]
 
 
 RunBlocks = Callable[[Site, Sequence[BlockTask]], Iterator[tuple[BlockTask, BlockLook]]]
@@ -184,26 +184,26 @@ def look_at_block(site: Site, task: BlockTask) -> BlockLook:
     """Evaluate a block: a function of its arguments alone."""
     block = judging_block(site, range(*task.rows))
     grid, nothing = block.grid, np.zeros(0)
-    seen = tuple(np.packbits(seen_nearby(block, route)) for route in task.routes_m)
+    observed = tuple(np.packbits(observed_nearby(block, route)) for route in task.routes_m)
     if not task.about_cells:
-        return BlockLook(grid.count, nothing, 0.0, nothing.astype(np.uint8), seen)
-    return BlockLook(grid.count, grid.weight_m2, grid.hidden_m2, np.packbits(block.coverable), seen)
+        return BlockLook(grid.count, nothing, 0.0, nothing.astype(np.uint8), observed)
+    return BlockLook(grid.count, grid.weight_m2, grid.hidden_m2, np.packbits(block.coverable), observed)
 
 
-def seen_nearby(block: CoverageMap, route_m: FloatArray) -> BoolArray:
-    """As :meth:`CoverageMap.seen`, for a route that is mostly too far away to observe any of the cells."""
+def observed_nearby(block: CoverageMap, route_m: FloatArray) -> BoolArray:
+    """As :meth:`CoverageMap.observed`, for a route that is mostly too far away to observe any of the cells."""
     looks = block.flown_observations(route_m)
     near = np.zeros(len(looks), dtype=bool)
     if block.grid.count:
         centre_m, halo_m = block.grid.cells.centre_m, block.site.scenario.sensor.reach_m + 1.0
         near = np.all(
-            (looks.places_m[:, :2] >= centre_m[:, :2].min(axis=0) - halo_m)
-            & (looks.places_m[:, :2] <= centre_m[:, :2].max(axis=0) + halo_m),
+            (looks.positions_m[:, :2] >= centre_m[:, :2].min(axis=0) - halo_m)
+            & (looks.positions_m[:, :2] <= centre_m[:, :2].max(axis=0) + halo_m),
             axis=1,
         )
     if not near.any():
         return np.zeros(block.grid.count, dtype=bool)
-    return block.seen_by(LevelObservations(looks.places_m[near], looks.headings[near]))
+    return block.observed_by(LevelObservations(looks.positions_m[near], looks.headings[near]))
 
 
 def one_after_the_other(site: Site, tasks: Sequence[BlockTask]) -> Iterator[tuple[BlockTask, BlockLook]]:
@@ -258,7 +258,7 @@ class BlockMap(CoverageMap):
     def __init__(self, site: Site, block_cells: int) -> None:
         self.site = site
         self.sight = site.scenario.sensor.sight
-        self._recent = RecentlySeen()
+        self._recent = RecentlyObserved()
         self._ground: _Ground | None = None
         self._rows = [(rows.start, rows.stop) for rows in row_blocks(site, cells=block_cells)]
 
@@ -280,23 +280,23 @@ class BlockMap(CoverageMap):
         for rows in self._rows:
             yield judging_block(self.site, range(*rows))
 
-    def seen(self, route_m: FloatArray) -> BoolArray:
+    def observed(self, route_m: FloatArray) -> BoolArray:
         """See :class:`CoverageMap`; immediate for known routes."""
         packed = self._recent.get(route_m, lambda: self._found((route_m,), one_after_the_other)[1][0])
-        seen = _unpacked(packed, self.grid.count)
-        seen.flags.writeable = False
-        return seen
+        observed = _unpacked(packed, self.grid.count)
+        observed.flags.writeable = False
+        return observed
 
-    def seen_by(self, observations: LevelObservations) -> BoolArray:
+    def observed_by(self, observations: LevelObservations) -> BoolArray:
         """See :class:`CoverageMap`."""
-        return np.concatenate([block.seen_by(observations) for block in self.blocks()])
+        return np.concatenate([block.observed_by(observations) for block in self.blocks()])
 
-    def first_seen(self, observations: LevelObservations) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    def first_observed(self, observations: LevelObservations) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
         """See :class:`CoverageMap`."""
-        return np.concatenate([block.first_seen(observations) for block in self.blocks()])
+        return np.concatenate([block.first_observed(observations) for block in self.blocks()])
 
     def look_at(self, routes_m: Sequence[FloatArray], by: RunBlocks) -> None:
-        """Compute the observations of routes, and the visible cells, once; kept for :meth:`seen`.
+        """Compute the observations of routes, and the visible cells, once; kept for :meth:`observed`.
 
         Args:
             routes_m: each (n, 3) ENU.
@@ -331,7 +331,7 @@ class BlockMap(CoverageMap):
             ground = self._ground = _Ground(grid, coverable, tuple(look.count for look in looks))
         return ground, [
             np.packbits(np.concatenate([
-                _unpacked(found[rows].seen[numbers.index(k)], count) if k in numbers else np.zeros(count, dtype=bool)
+                _unpacked(found[rows].observed[numbers.index(k)], count) if k in numbers else np.zeros(count, dtype=bool)
                 for (rows, numbers), count in zip(near.items(), ground.counts, strict=True)
             ]))
             for k in range(len(routes_m))

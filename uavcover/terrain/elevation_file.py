@@ -19,7 +19,7 @@ from rasterio.windows import Window
 
 from uavcover.errors import NoElevationError, TerrainError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.kernels.grid import GridFrame, places_on_grid
+from uavcover.kernels.grid import GridFrame, positions_on_grid
 from uavcover.terrain.frames import (
     DATUMS,
     ELLIPSOID,
@@ -71,7 +71,7 @@ class _Raster:
         column = inverse.a * x + inverse.b * y + inverse.c - 0.5
         return np.column_stack([column, inverse.d * x + inverse.e * y + inverse.f - 0.5])
 
-    def places_of(self, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def positions_of(self, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Latitudes (n,) and longitudes (n,) of (n, 2) columns and rows: the inverse of :meth:`pixels_at`."""
         transform, (column, row) = self.dataset.transform, pixels.T + 0.5
         x = transform.a * column + transform.b * row + transform.c
@@ -138,7 +138,7 @@ class _Raster:
         pixels[~np.isfinite(pixels)] = np.nan
         if self.undulation is not None:
             rows, columns = np.indices(pixels.shape).reshape(2, -1) + np.array([[window.row_off], [window.col_off]])
-            lat_deg, lon_deg = self.places_of(np.column_stack([columns, rows]).astype(float))
+            lat_deg, lon_deg = self.positions_of(np.column_stack([columns, rows]).astype(float))
             pixels -= self.undulation.heights_m(lat_deg, lon_deg).reshape(pixels.shape)
         wrong = (pixels < LOWEST_PLAUSIBLE_M) | (pixels > HIGHEST_PLAUSIBLE_M)
         if wrong.any():
@@ -188,11 +188,11 @@ def open_raster(source: Path | TerrainSource, vertical_datum: str) -> Iterator[_
                 "a known system, or convert the file (gdalwarp -t_srs EPSG:4326)"
             ) from error
         band = path.band_of(dataset)
-        stated, asked = dataset.units[band - 1], path.height_unit
-        if horizontal.is_projected and not (stated or asked or crs.is_compound):
+        stated, given = dataset.units[band - 1], path.height_unit
+        if horizontal.is_projected and not (stated or given or crs.is_compound):
             refuse_feet_by_guess(path, horizontal)
-        unit_m = unit_of_heights_m(path, crs, vertical_datum, stated or asked)
-        if stated and asked and abs(unit_of_heights_m(path, crs, vertical_datum, asked) / unit_m - 1.0) > 1e-9:
+        unit_m = unit_of_heights_m(path, crs, vertical_datum, stated or given)
+        if stated and given and abs(unit_of_heights_m(path, crs, vertical_datum, given) / unit_m - 1.0) > 1e-9:
             raise TerrainError(f"{path}: the file states that its heights are in {stated}; remove terrain.height_unit")
         _check_pixel_size(path, horizontal, dataset)
         turn = 2.0 * math.pi / horizontal.axis_info[0].unit_conversion_factor if horizontal.is_geographic else 0.0
@@ -298,7 +298,7 @@ def _ground_of_pixels(raster: _Raster, frame: LocalFrame, bounds_m: Bounds) -> G
         up = raster.read(Window(first[0], first[1], columns, rows))
         sha256 = _sha256(raster, up)
         up = _filled(raster, up, frame, first)
-        up = node_ups_m(lambda pixels: raster.places_of(pixels + first), frame, up)
+        up = node_ups_m(lambda pixels: raster.positions_of(pixels + first), frame, up)
     else:
         first, up = np.zeros(2, dtype=np.int64), np.full((2, 2), np.nan)
         sha256 = _sha256(raster, up)
@@ -322,9 +322,9 @@ def _filled(raster: _Raster, heights_m: FloatArray, frame: LocalFrame, first: ND
     if up_to_m == 0.0 or not np.isnan(heights_m).any():
         return heights_m
     middle = first + 0.5 * np.array(heights_m.shape[::-1])
-    lat, lon = raster.places_of(middle + np.array([(0.0, 0.0), (0.0, 1.0), (1.0, 0.0)]))
-    places = frame.enu_from_geodetic(lat, lon, frame.alt_amsl_m)
-    height_m, width_m = np.linalg.norm(places[1:] - places[0], axis=1).tolist()
+    lat, lon = raster.positions_of(middle + np.array([(0.0, 0.0), (0.0, 1.0), (1.0, 0.0)]))
+    positions = frame.enu_from_geodetic(lat, lon, frame.alt_amsl_m)
+    height_m, width_m = np.linalg.norm(positions[1:] - positions[0], axis=1).tolist()
     gaps = fill_gaps(heights_m, pixel_m=(height_m, width_m), up_to_m=up_to_m)
     if gaps.count:
         _log.warning(
@@ -343,11 +343,11 @@ def _pixels_needed(
     west, south, east, north = bounds_m
     ups = np.array([LOWEST_PLAUSIBLE_M, HIGHEST_PLAUSIBLE_M]) - frame.alt_amsl_m
     rim = np.linspace(0.0, 1.0, 33)
-    places = np.array([
+    positions = np.array([
         (west + s * (east - west), south + t * (north - south), up)
         for up in ups for s in rim for t in rim if s in (0.0, 1.0) or t in (0.0, 1.0)
     ])  # fmt: skip
-    pixels = places_on_grid(grid, places)
+    pixels = positions_on_grid(grid, positions)
     size = np.array([raster.dataset.width, raster.dataset.height])
     first = np.clip(np.floor(pixels.min(axis=0)) - 1, 0, size)
     last = np.clip(np.ceil(pixels.max(axis=0)) + 2, 0, size)
@@ -408,16 +408,16 @@ def measure_error_m(ground: Ground, raster: _Raster, frame: LocalFrame, bounds_m
         middle = raster.pixels_at(lat, lon)
         if not np.isfinite(middle).all():
             continue
-        pixels = middle + rng.uniform(-0.5, 0.5, (FILES.places_of_block, 2)) * FILES.pixels_of_block
-        beside = rng.random(FILES.places_of_block) < 0.5
+        pixels = middle + rng.uniform(-0.5, 0.5, (FILES.positions_of_block, 2)) * FILES.pixels_of_block
+        beside = rng.random(FILES.positions_of_block) < 0.5
         pixels[beside] = np.round(pixels[beside]) + rng.normal(0.0, 0.01, (int(beside.sum()), 2))
-        lat, lon = raster.places_of(pixels)
+        lat, lon = raster.positions_of(pixels)
         alt = raster.sample_m(lat, lon)
-        agl = rng.choice([0.0, FILES.above_m], FILES.places_of_block)
-        places = frame.enu_from_geodetic(lat, lon, alt + agl)
-        e, n = places[:, 0], places[:, 1]
+        agl = rng.choice([0.0, FILES.above_m], FILES.positions_of_block)
+        positions = frame.enu_from_geodetic(lat, lon, alt + agl)
+        e, n = positions[:, 0], positions[:, 1]
         inside = np.isfinite(alt) & (e >= west) & (e <= east) & (n >= south) & (n <= north)
-        difference = np.abs(ground.heights_agl_m(places[inside]) - agl[inside])
+        difference = np.abs(ground.heights_agl_m(positions[inside]) - agl[inside])
         worst = max(worst, float(np.max(difference, initial=0.0, where=np.isfinite(difference))))
     return worst
 

@@ -22,7 +22,7 @@ from mission_io.data_tables import data_table
 from mission_io.model.items import MEAN_RADIUS_M
 from uavcover.errors import InputError, TerrainError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.kernels.grid import GridFrame, growth_on_grid, places_on_grid, steepest_of_finite
+from uavcover.kernels.grid import GridFrame, growth_on_grid, positions_on_grid, steepest_of_finite
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -174,7 +174,7 @@ def finish_frame(grid: GridFrame, up_m: FloatArray) -> GridFrame:
     lattice = np.array([
         (grid.east0_m + e, grid.north0_m + n, up) for e in axis for n in axis for up in (lowest, highest)
     ])  # fmt: skip
-    growths = np.array([growth_on_grid(grid, *place) for place in lattice])
+    growths = np.array([growth_on_grid(grid, *position) for position in lattice])
     columns, rows = growths[:, 0, :2], growths[:, 1, :2]
     per_column, per_row = (np.hypot(*part.T) for part in (columns, rows))
     skew = float(np.max(np.abs((columns * rows).sum(axis=1)) / (per_column * per_row))) * PIXELS.safe
@@ -201,7 +201,7 @@ def _bend_per_m(grid: GridFrame, lattice_m: FloatArray, growths: FloatArray) -> 
     worst = 0.0
     for direction in np.vstack([level, steep]):
         half = 0.5 * PIXELS.curve_length_m * direction
-        before, here, after = (places_on_grid(grid, lattice_m + shift) for shift in (-half, np.zeros(3), half))
+        before, here, after = (positions_on_grid(grid, lattice_m + shift) for shift in (-half, np.zeros(3), half))
         aside = np.linalg.solve(growths[:, :, :2], (here - 0.5 * (before + after))[:, :, None])[:, :, 0]
         worst = max(worst, float(np.hypot(*aside.T).max()))
     return 8.0 * worst / PIXELS.curve_length_m**2
@@ -236,7 +236,7 @@ def nodes_between(grid: GridFrame, up_m: FloatArray, bounds_m: Bounds) -> tuple[
     """First column and one past the last, and the same of the rows, between west, south, east, north."""
     west, south, east, north = bounds_m
     corners = np.array([(e, n, grid.level_up_m) for e in (west, east) for n in (south, north)])
-    box = places_on_grid(grid, corners)
+    box = positions_on_grid(grid, corners)
     first = np.maximum(np.floor(box.min(axis=0) - grid.leeway).astype(int), 0)
     last = np.minimum(np.ceil(box.max(axis=0) + grid.leeway).astype(int) + 1, up_m.shape[::-1])
     return (int(first[0]), int(last[0])), (int(first[1]), int(last[1]))
@@ -247,25 +247,25 @@ def nodes_inside_m(grid: GridFrame, up_m: FloatArray, bounds_m: Bounds) -> Float
     west, south, east, north = bounds_m
     columns, rows = (np.arange(*ends) for ends in nodes_between(grid, up_m, bounds_m))
     wanted = np.array([axis.ravel() for axis in np.meshgrid(columns, rows)], dtype=float).T.reshape(-1, 2)
-    places = places_of_nodes_m(grid, wanted, up_m[rows[:, None], columns].reshape(-1))
-    e, n = places[:, 0], places[:, 1]
-    return places[(e >= west) & (e <= east) & (n >= south) & (n <= north)]
+    positions = positions_of_nodes_m(grid, wanted, up_m[rows[:, None], columns].reshape(-1))
+    e, n = positions[:, 0], positions[:, 1]
+    return positions[(e >= west) & (e <= east) & (n >= south) & (n <= north)]
 
 
-def places_of_nodes_m(grid: GridFrame, columns_rows: FloatArray, ups_m: FloatArray) -> FloatArray:
+def positions_of_nodes_m(grid: GridFrame, columns_rows: FloatArray, ups_m: FloatArray) -> FloatArray:
     """(k, 3) ENU positions of nodes by (k, 2) columns and rows and (k,) up coordinates.
 
     Where there is no data the up coordinate stays NaN, and east and north are those at the level of the grid.
     """
     middle = np.array([grid.east0_m, grid.north0_m])
-    places = np.column_stack([np.tile(middle, (len(columns_rows), 1)), ups_m])
-    places[:, 2] = np.where(np.isfinite(ups_m), ups_m, grid.level_up_m)
+    positions = np.column_stack([np.tile(middle, (len(columns_rows), 1)), ups_m])
+    positions[:, 2] = np.where(np.isfinite(ups_m), ups_m, grid.level_up_m)
     # Newton's method: columns and rows are nearly linear in east and north.
     inverse = np.linalg.inv(growth_on_grid(grid, grid.east0_m, grid.north0_m, grid.level_up_m)[:, :2])
     for _ in range(12):
-        places[:, :2] += (columns_rows - places_on_grid(grid, places)) @ inverse.T
-    places[:, 2] = ups_m
-    return places
+        positions[:, :2] += (columns_rows - positions_on_grid(grid, positions)) @ inverse.T
+    positions[:, 2] = ups_m
+    return positions
 
 
 # Vertical datums and units of heights.

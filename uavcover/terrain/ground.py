@@ -17,7 +17,7 @@ from uavcover.kernels.arrays import BoolArray, ByteArray, FloatArray, read_only
 from uavcover.kernels.grid import GridFrame, square_frame, steepest_slope
 from uavcover.kernels.obstacles import roofs_m
 from uavcover.kernels.surface import GRID, SINE_COSINE, Surface
-from uavcover.terrain.frames import nodes_between, places_of_nodes_m
+from uavcover.terrain.frames import nodes_between, positions_of_nodes_m
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,8 +55,8 @@ class Ground:
             columns, rows = (np.arange(*ends) for ends in nodes_between(grid, up, shape.bounds))
             nodes = np.array([axis.ravel() for axis in np.meshgrid(columns, rows)], dtype=float).T.reshape(-1, 2)
             if len(nodes):
-                places = places_of_nodes_m(grid, nodes, up[rows[:, None], columns].reshape(-1))
-                inside = shapely.intersects_xy(shape, places[:, 0], places[:, 1]).reshape(len(rows), len(columns))
+                positions = positions_of_nodes_m(grid, nodes, up[rows[:, None], columns].reshape(-1))
+                inside = shapely.intersects_xy(shape, positions[:, 0], positions[:, 1]).reshape(len(rows), len(columns))
                 up[rows[:, None], columns] = np.where(inside, np.nan, up[rows[:, None], columns])
         up.flags.writeable = False
         return dataclasses.replace(self, surface=self.surface._replace(up_m=up), left_out=tuple(parts))
@@ -66,9 +66,9 @@ class Ground:
         en = np.atleast_2d(np.asarray(east_north_m, float))
         return kernels.heights(self.surface, read_only(en[:, 0]), read_only(en[:, 1]))
 
-    def heights_agl_m(self, places_m: ArrayLike) -> FloatArray:
+    def heights_agl_m(self, positions_m: ArrayLike) -> FloatArray:
         """Heights above ground (n,) of (n, 3) ENU positions, along their plumb lines, metres; NaN without data."""
-        return kernels.heights_above(self.surface, read_only(np.atleast_2d(np.asarray(places_m, float))))
+        return kernels.heights_above(self.surface, read_only(np.atleast_2d(np.asarray(positions_m, float))))
 
     def ups_m(self, east_north_m: ArrayLike, height_agl_m: ArrayLike) -> FloatArray:
         """Up coordinates (n,) for (n, 2) positions and heights above ground (n,), metres; NaN without data.
@@ -185,9 +185,9 @@ def relief_colors(up_m: FloatArray, gradients: FloatArray) -> ByteArray:
 def _height_colors(up_m: FloatArray) -> FloatArray:
     known = up_m[np.isfinite(up_m)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
-    share = np.nan_to_num((up_m - low) / (high - low)) if high > low else np.zeros(up_m.size)
+    fraction = np.nan_to_num((up_m - low) / (high - low)) if high > low else np.zeros(up_m.size)
     stops = np.linspace(0.0, 1.0, len(_RAMP))
-    return np.column_stack([np.interp(share, stops, _RAMP[:, channel]) for channel in range(3)])
+    return np.column_stack([np.interp(fraction, stops, _RAMP[:, channel]) for channel in range(3)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -213,19 +213,19 @@ def relief_grid(ground: Ground, bounds_m: tuple[float, float, float, float], *, 
     columns = np.linspace(west, east, max(2, math.ceil((east - west) / step - 1e-9) + 1))
     rows = np.linspace(south, north, max(2, math.ceil((north - south) / step - 1e-9) + 1))
     grid_e, grid_n = np.meshgrid(columns, rows)
-    places = np.column_stack([grid_e.ravel(), grid_n.ravel()])
-    up = ground.heights_m(places)
-    colors = relief_colors(up, _smooth_slopes(ground, places))
+    positions = np.column_stack([grid_e.ravel(), grid_n.ravel()])
+    up = ground.heights_m(positions)
+    colors = relief_colors(up, _smooth_slopes(ground, positions))
     return ReliefGrid(grid_e, grid_n, up.reshape(grid_e.shape), colors.reshape(*grid_e.shape, 3))
 
 
-def _smooth_slopes(ground: Ground, places_m: FloatArray) -> FloatArray:
+def _smooth_slopes(ground: Ground, positions_m: FloatArray) -> FloatArray:
     """Slopes (n, 2) across a few steps of the grid. The ground's own slopes jump from square to square and look like tiles."""
     if ground.surface.kind != GRID:
-        return ground.gradients(places_m)
+        return ground.gradients(positions_m)
     reach = RELIEF.smooth_steps * ground.surface.step_m
     slopes = [
-        (ground.heights_m(places_m + offset) - ground.heights_m(places_m - offset)) / (2.0 * reach)
+        (ground.heights_m(positions_m + offset) - ground.heights_m(positions_m - offset)) / (2.0 * reach)
         for offset in ((reach, 0.0), (0.0, reach))
     ]
     return np.column_stack(slopes)
@@ -260,8 +260,8 @@ def fill_gaps(heights_m: FloatArray, *, pixel_m: tuple[float, float], up_to_m: f
     filled = np.array(heights_m, dtype=float)
     labels, _ = ndimage.label(np.isnan(filled), structure=_NEIGHBOURS)
     count, largest_m = 0, 0.0
-    for number, place in enumerate(ndimage.find_objects(labels), start=1):
-        rows, columns = place
+    for number, position in enumerate(ndimage.find_objects(labels), start=1):
+        rows, columns = position
         side_m = max((rows.stop - rows.start) * pixel_m[0], (columns.stop - columns.start) * pixel_m[1])
         at_edge = (
             rows.start == 0 or columns.start == 0 or rows.stop == filled.shape[0] or columns.stop == filled.shape[1]

@@ -34,7 +34,7 @@ class _Suspects:
     slope_pixels: int
     rim_times: float
     rim_m: float
-    rim_share: float
+    rim_fraction: float
     roof_m: float
     spike_times: float
     spike_m: float
@@ -45,7 +45,7 @@ class _Suspects:
     step_m: float
     step_errors: float
     step_times: float
-    step_share: float
+    step_fraction: float
     strip_pixels: int
     around_pixels: int
     most_suspects: int
@@ -75,7 +75,7 @@ class SuspectPixels:
     rim_m: float  # typical height of the ground around; not for a seam
 
     @property
-    def places(self) -> tuple[slice, slice]:
+    def positions(self) -> tuple[slice, slice]:
         """The rows and the columns of ``mask``."""
         (row, column), (rows, columns) = self.first, self.mask.shape
         return slice(row, row + rows), slice(column, column + columns)
@@ -108,7 +108,7 @@ def suspect_pixels(heights_m: FloatArray, pixel_m: Size) -> list[SuspectPixels]:
     if blocks:
         left = heights_m.copy()
         for block in blocks:
-            left[block.places][block.mask] = math.nan
+            left[block.positions][block.mask] = math.nan
     return [*blocks, *_spikes(left, pixel_m), *_steps(left)]
 
 
@@ -126,7 +126,7 @@ def _blocks(heights: FloatArray) -> list[SuspectPixels]:
     squares = np.bincount(labels.ravel(), minlength=count + 1)
     whole, below, above, rims = _rims(heights, pixels.astype(np.int64), count)
     with np.errstate(invalid="ignore", divide="ignore"):
-        steep = np.maximum(below, above) >= SUSPECTS.rim_share * whole
+        steep = np.maximum(below, above) >= SUSPECTS.rim_fraction * whole
         chosen = (whole >= 4) & steep & (squares >= SUSPECTS.least_squares)
     if not chosen[1:].any():
         return []
@@ -134,16 +134,16 @@ def _blocks(heights: FloatArray) -> list[SuspectPixels]:
 
     found = []
     taken = np.zeros(heights.shape, dtype=bool)
-    places = ndimage.find_objects(pixels)
+    positions = ndimage.find_objects(pixels)
     for number in np.flatnonzero(chosen[1:]) + 1:
-        core = pixels[places[number - 1]] == number
-        if taken[places[number - 1]][core].any():
+        core = pixels[positions[number - 1]] == number
+        if taken[positions[number - 1]][core].any():
             continue
         # With what is narrower than two pixels and joined to it, such as the tip of a wedge.
-        value = float(heights[places[number - 1]][core][0])
+        value = float(heights[positions[number - 1]][core][0])
         rows, columns = (
             _grown(part, size, SUSPECTS.tip_pixels)
-            for part, size in zip(places[number - 1], heights.shape, strict=True)
+            for part, size in zip(positions[number - 1], heights.shape, strict=True)
         )
         alike, _ = ndimage.label(heights[rows, columns] == value, structure=_AROUND)
         block = alike == alike[pixels[rows, columns] == number][0]
@@ -288,7 +288,7 @@ def _seams(heights: FloatArray) -> list[tuple[int, int, int, float]]:
             continue
         part = part[:, enough]
         median = np.nanmedian(part, axis=0)
-        alike = np.nanmean(np.sign(part) == np.sign(median), axis=0) >= SUSPECTS.step_share
+        alike = np.nanmean(np.sign(part) == np.sign(median), axis=0) >= SUSPECTS.step_fraction
         # Next to a step, half of it appears as a bend.
         padded = np.concatenate([[0.0], np.abs(median), [0.0]])
         peak = padded[1:-1] > SUSPECTS.step_times * np.maximum(padded[:-2], padded[2:])
@@ -308,7 +308,7 @@ def _seams(heights: FloatArray) -> list[tuple[int, int, int, float]]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SuspectPlace:
+class SuspectPosition:
     """A part of elevation data with suspicious heights."""
 
     words: str  # description and position
@@ -319,9 +319,9 @@ class SuspectPlace:
         return shapely.transform(self.shape, frame.en_from_lon_lat)
 
 
-def suspect_places(
+def suspect_positions(
     source: Path | TerrainSource, vertical_datum: str, around_deg: Bounds, near: BaseGeometry | None = None
-) -> tuple[SuspectPlace, ...]:
+) -> tuple[SuspectPosition, ...]:
     """The places of elevation data that do not look like ground.
 
     Args:
@@ -342,7 +342,7 @@ def suspect_places(
             if region.intersects(shape):
                 lon, lat = shape.representative_point().coords[0]
                 at = f"at latitude {lat:.5f}, longitude {math.remainder(lon, 360.0):.5f}"
-                found.append(SuspectPlace(f"{one.words(pixel_m)}, {at}", shape))
+                found.append(SuspectPosition(f"{one.words(pixel_m)}, {at}", shape))
     return tuple(found)
 
 
@@ -369,7 +369,7 @@ def _pixels_around(
         if min(columns, rows) < 2:
             return
         middle = 0.5 * (first + last)
-        at = np.column_stack(raster.places_of(middle + np.array([(0.0, 0.0), (0.0, 1.0), (1.0, 0.0)])))
+        at = np.column_stack(raster.positions_of(middle + np.array([(0.0, 0.0), (0.0, 1.0), (1.0, 0.0)])))
         frame = LocalFrame(float(at[0, 0]), math.remainder(float(at[0, 1]), 360.0), 0.0)
         sides = np.linalg.norm(np.diff(frame.enu_from_geodetic(at[:, 0], at[:, 1], 0.0)[[1, 0, 2]], axis=0), axis=1)
         as_stored = replace(raster, undulation=None)
@@ -382,7 +382,7 @@ def _pixels_around(
             corner = first + np.array([0, top])
 
             def lon_lat_deg(pixels: FloatArray, corner: NDArray[np.int64] = corner) -> FloatArray:
-                lats, lons = raster.places_of(pixels + corner)
+                lats, lons = raster.positions_of(pixels + corner)
                 return np.column_stack([lons_beside(lons, west), lats])
 
             heights = as_stored.read(Window(corner[0], corner[1], columns, bottom - top))
@@ -401,7 +401,7 @@ def _outline(found: SuspectPixels, lon_lat_deg: LonLat) -> BaseGeometry:
     return shapely.transform(shapely.union_all(boxes), lon_lat_deg)
 
 
-class Asked(Protocol):
+class Respondent(Protocol):
     """Receiver of warnings and questions, as :class:`uavcover.run.user.User`."""
 
     def warn(self, line: str) -> None:
@@ -411,12 +411,12 @@ class Asked(Protocol):
         """Ask a question that is answered by yes or no."""
 
 
-def trust_asked_for(
+def confirmed_trust(
     source: TerrainSource,  # the elevation data of the ground
     datum: str,  # of its heights
     region: shapely.Polygon | shapely.MultiPolygon,  # where flights may go, (east, north) metres
     frame: LocalFrame,  # of the region
-    user: Asked,  # is asked
+    user: Respondent,  # is asked
     *,
     trusted: bool,  # whether the user already accepted them; then nothing is checked
 ) -> bool:
@@ -433,7 +433,7 @@ def trust_asked_for(
         return np.column_stack([lons_beside(lon, frame.lon_deg), lat])
 
     on_earth = shapely.transform(region, lon_lat_deg)
-    found = suspect_places(source, datum, on_earth.bounds, on_earth)
+    found = suspect_positions(source, datum, on_earth.bounds, on_earth)
     if not found:
         return False
     for one in found[: SUSPECTS.most_suspects]:

@@ -33,7 +33,7 @@ class _Files:
     max_error_m: float
     checked_blocks: int
     pixels_of_block: float
-    places_of_block: int
+    positions_of_block: int
     above_m: float
     most_pixels: int
     harmless_zip_bytes: int

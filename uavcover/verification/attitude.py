@@ -40,7 +40,7 @@ class _Attitude:
     moves_m_s: float
     enough_blocks: int
     enough_in_block: int
-    own_share: float
+    own_fraction: float
     max_age_s: float
     max_tilt_deg: float
     stuck_s: float
@@ -51,7 +51,7 @@ class _Attitude:
     differs_deg: float
     course_m_s: float
     brisk_m_s2: float
-    least_lean_share: float
+    least_lean_fraction: float
     enough_windows: int
 
 
@@ -214,7 +214,7 @@ def _stands_alone(columns: FloatArray, number: int) -> bool:
     others = np.delete(columns, number, axis=1)
     one = columns[:, number]
     rest = one - others @ np.linalg.lstsq(others, one, rcond=None)[0]
-    return bool((rest**2).sum() > ATTITUDE.own_share * (one**2).sum())
+    return bool((rest**2).sum() > ATTITUDE.own_fraction * (one**2).sum())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -310,9 +310,9 @@ def _stuck(time_s: FloatArray, enu_m: FloatArray, attitude: FloatArray) -> Itera
             continue
         # Positions far enough apart in time that noise does not determine the course.
         steps = np.unique(np.searchsorted(time_s, np.arange(time_s[start], time_s[last], ATTITUDE.course_s)))
-        way = np.diff(enu_m[steps, :2], axis=0)
-        fast = np.hypot(way[:, 0], way[:, 1]) > ATTITUDE.course_m_s * np.diff(time_s[steps])
-        course = np.degrees(np.unwrap(np.arctan2(way[fast, 0], way[fast, 1])))
+        moved = np.diff(enu_m[steps, :2], axis=0)
+        fast = np.hypot(moved[:, 0], moved[:, 1]) > ATTITUDE.course_m_s * np.diff(time_s[steps])
+        course = np.degrees(np.unwrap(np.arctan2(moved[fast, 0], moved[fast, 1])))
         if course.size and (turn := float(np.ptp(course))) > ATTITUDE.turned_deg:
             yield int(start), last, turn
 
@@ -348,6 +348,6 @@ def _never_leans(
     if brisk[0] < ATTITUDE.brisk_m_s2:
         return None
     lean = float(np.nanmax(np.abs(attitude[:, :2])))
-    if lean >= ATTITUDE.least_lean_share * np.degrees(np.arctan2(brisk[0], GRAVITY_M_S2)):
+    if lean >= ATTITUDE.least_lean_fraction * np.degrees(np.arctan2(brisk[0], GRAVITY_M_S2)):
         return None
     return lean, float(brisk[-1])

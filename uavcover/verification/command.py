@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mission_io.model.plain_text import counted
 from uavcover.errors import InputError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.limits import FlightLimits, window_in_words
+from uavcover.model.limits import FlightLimits, window_text
 from uavcover.model.track import Track
 from uavcover.model.verdict import VerificationReport, noted, unproved
 from uavcover.run import provenance
@@ -24,7 +24,7 @@ from uavcover.run.judged_inputs import (
     inspect_inputs,
     judged_logs,
     refuse_changes,
-    unsealed_in_words,
+    unsealed_text,
 )
 from uavcover.run.provenance import note_files
 from uavcover.run.user import User, metres, percent
@@ -37,7 +37,7 @@ from uavcover.verification.flown_coverage import (
     NOTHING_KNOWN,
     CountObservations,
     FlownCoverage,
-    PictureEvidence,
+    PhotoEvidence,
     count_observations,
     counter_of,
 )
@@ -135,10 +135,10 @@ def with_measured_ground(
 def _differences_m(site: Site, readings: FloatArray, *, with_surface: bool) -> FloatArray:
     if site.frame is None or not len(readings):
         return np.empty(0)
-    places = site.frame.enu_from_geodetic(*readings.T)
-    above = site.bare_ground.heights_agl_m(places)
+    positions = site.frame.enu_from_geodetic(*readings.T)
+    above = site.bare_ground.heights_agl_m(positions)
     if with_surface and site.ground_model is not None:
-        over = site.ground.heights_agl_m(places)
+        over = site.ground.heights_agl_m(positions)
         above = np.where(np.abs(over) < np.abs(above), over, above)
     return np.asarray(above[np.isfinite(above)])
 
@@ -151,7 +151,7 @@ def judge_tracks(
     site: Site,
     tracks: Sequence[tuple[Track, PlannedRoute | None]],
     *,
-    evidence: PictureEvidence = NOTHING_KNOWN,
+    evidence: PhotoEvidence = NOTHING_KNOWN,
     count: CountObservations = count_observations,
     sites: Sequence[Site] | None = None,
     dates: Sequence[DateBounds] | None = None,
@@ -207,10 +207,10 @@ def coverage_raster(coverage: CoverageMap, flown: FlownCoverage) -> bytes | None
     site = coverage.site
     if site.frame is None:
         return None
-    sureness = flown.seen.astype(float) + flown.possibly_seen + flown.surely_seen
+    sureness = flown.observed.astype(float) + flown.possible_cells + flown.certain_cells
     layers: list[tuple[str, str, NDArray[Any]]] = [
         ("looks", "number of separate passes that observed the cell", flown.passes),
-        ("first_seen_s", "vehicle time in seconds", flown.first_seen_s),
+        ("first_seen_s", "vehicle time in seconds", flown.first_observed_s),
         ("ground_sample_m", "smallest ground sample distance in metres", flown.ground_sample_m),
         ("incidence_deg", "smallest incidence angle in degrees", flown.incidence_deg),
         ("distance_m", "minimum distance in metres", flown.nearest_m),
@@ -235,14 +235,14 @@ _HOLDS = {"yes": "met", "no": "NOT met", "not proved": "not proved"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class JudgedPictures:
+class JudgedPhotos:
     """Result of judging a flight's photos."""
 
-    evidence: PictureEvidence = NOTHING_KNOWN  # what that means for the flight
+    evidence: PhotoEvidence = NOTHING_KNOWN  # what that means for the flight
     document: Mapping[str, Any] | None = None  # the verdict on them alone; None where there are no photos
 
 
-_NO_PICTURES = JudgedPictures()
+_NO_PHOTOS = JudgedPhotos()
 
 
 def verify_run(
@@ -252,13 +252,13 @@ def verify_run(
     command: Sequence[str],
     logs: Sequence[Path] = (),
     accepted: Sequence[str] = (),
-    pictures: JudgedPictures = _NO_PICTURES,
+    photos: JudgedPhotos = _NO_PHOTOS,
     scheduler: str | None = None,
     system: int | None = None,
 ) -> tuple[Verdict, dict[str, Any]]:
     """Verify the tracks of a run folder, write its files and print the verdict; return it, and ``verification.json``.
 
-    An existing verdict and its consequences are removed first, because they would not match the current files. ``pictures`` with
+    An existing verdict and its consequences are removed first, because they would not match the current files. ``photos`` with
     a coverage replace that of the track. The workers of a ``scheduler`` count the observations. ``system`` chooses the vehicle of
     telemetry logs with several.
     """
@@ -268,15 +268,15 @@ def verify_run(
     with run.reserved((), force=True), counter_of(scheduler) as count:
         run.remove(VERDICT_FILES)
         site, verdict, sources, inputs = judge_run(
-            run, user, logs=logs, accepted=accepted, evidence=pictures.evidence, count=count, system=system
+            run, user, logs=logs, accepted=accepted, evidence=photos.evidence, count=count, system=system
         )
         also: dict[str, Any] = {}
-        if pictures.document is not None:
-            inputs = replace(inputs, hashes={**inputs.hashes, "photos": pictures.document["inputs"]["pictures"]})
-            also = {"photos": pictures.document}
+        if photos.document is not None:
+            inputs = replace(inputs, hashes={**inputs.hashes, "photos": photos.document["inputs"]["pictures"]})
+            also = {"photos": photos.document}
         document = save_verdict(run, verdict, sources=sources, inputs=inputs, command=command, also=also)
-    say_inputs(user, inputs)
-    _say(user, run, site, verdict.report)
+    print_inputs(user, inputs)
+    _print(user, run, site, verdict.report)
     return verdict, document
 
 
@@ -286,7 +286,7 @@ def judge_run(
     *,
     logs: Sequence[Path],
     accepted: Sequence[str],
-    evidence: PictureEvidence = NOTHING_KNOWN,
+    evidence: PhotoEvidence = NOTHING_KNOWN,
     count: CountObservations = count_observations,
     system: int | None = None,
 ) -> tuple[Site, Verdict, list[str], JudgedInputs]:
@@ -323,12 +323,12 @@ def judge_run(
     return site, verdict, [log_name(path, run) for path in paths], inputs
 
 
-def say_inputs(user: User, inputs: JudgedInputs) -> None:
+def print_inputs(user: User, inputs: JudgedInputs) -> None:
     """Print the accepted changes, and the tracks without a recorded end."""
     for change in inputs.changes:
         user.say(f"accepted change   {change.what}: {change}")
     for name in inputs.unsealed:
-        user.say(f"no hash           {unsealed_in_words(name)}")
+        user.say(f"no hash           {unsealed_text(name)}")
 
 
 def log_name(path: Path, run: RunFolder) -> str:
@@ -337,7 +337,7 @@ def log_name(path: Path, run: RunFolder) -> str:
     return path.resolve().relative_to(run.path.resolve()).as_posix() if inside else path.name
 
 
-def _say(user: User, run: RunFolder, site: Site, report: VerificationReport) -> None:
+def _print(user: User, run: RunFolder, site: Site, report: VerificationReport) -> None:
     user.say(
         f"coverage flown    {percent(report.coverage_fraction)} of the area, "
         f"{percent(report.coverage_of_coverable)} of the visible ground"
@@ -349,16 +349,16 @@ def _say(user: User, run: RunFolder, site: Site, report: VerificationReport) -> 
         )
     if report.planned_coverage_fraction is not None:
         user.say(f"coverage planned  {percent(report.planned_coverage_fraction)} of the area")
-    _say_cells(user, report)
-    _say_pictures(user, report)
+    _print_cells(user, report)
+    _print_photos(user, report)
     user.say(
         f"height on route   {metres(report.min_height_agl_m)} to {metres(report.max_height_agl_m)} above ground; "
         f"in transit {metres(report.min_transit_clearance_m)} to {metres(report.max_transit_height_agl_m)}"
     )
     if report.flown_utc is not None:
         begin, end = (datetime.fromisoformat(moment) for moment in report.flown_utc)
-        user.say(f"flown             {window_in_words((begin, end))}")
-    _say_unobserved(user, report)
+        user.say(f"flown             {window_text((begin, end))}")
+    _print_unobserved(user, report)
     if report.max_deviation_m is not None:
         user.say(f"deviation         at most {metres(report.max_deviation_m)} from the planned route")
     if report.separation:
@@ -370,7 +370,7 @@ def _say(user: User, run: RunFolder, site: Site, report: VerificationReport) -> 
     missed = sum(gap.area_m2 for gap in report.gaps)
     user.say(f"gaps              {len(report.gaps)}, {missed:.0f} square metres in total")
     for violation in report.violations[:_SHOWN_VIOLATIONS]:
-        place = (
+        position = (
             f"{violation.lat_deg:.6f}, {violation.lon_deg:.6f}"
             if site.frame is not None
             else f"{violation.east_m:.0f} m east, {violation.north_m:.0f} m north"
@@ -378,7 +378,7 @@ def _say(user: User, run: RunFolder, site: Site, report: VerificationReport) -> 
         name = f" {violation.name!r}" if violation.name else ""
         user.say(
             f"violation         {violation.kind}{name} from {violation.start_s:.1f} s to {violation.end_s:.1f} s: "
-            f"worst {violation.worst:.1f} {violation.unit} at {place}, {violation.worst_s:.1f} s; limit "
+            f"worst {violation.worst:.1f} {violation.unit} at {position}, {violation.worst_s:.1f} s; limit "
             f"{violation.limit:.1f} {violation.unit}"
         )
     if len(report.violations) > _SHOWN_VIOLATIONS:
@@ -388,7 +388,7 @@ def _say(user: User, run: RunFolder, site: Site, report: VerificationReport) -> 
         unsure = counted(report.unknown_attitude_looks, "observation, which is", "observations, which are")
         user.say(f"attitude          unknown for {unsure} only possible")
     for row in requirement_rows(site.scenario, report):
-        user.say(f"required          {row.name}: {row.asked}; found {row.found}: {_HOLDS[row.holds]}")
+        user.say(f"required          {row.name}: {row.required}; found {row.found}: {_HOLDS[row.holds]}")
     for finding in report.findings:
         user.say(f"finding           {finding}")
     lines = report.reasons + report.doubts
@@ -399,9 +399,9 @@ def _say(user: User, run: RunFolder, site: Site, report: VerificationReport) -> 
         user.say(f"                  not proved: {doubt}")
 
 
-def _say_unobserved(user: User, report: VerificationReport) -> None:
-    share = report.unobserved_route_fraction
-    of_route = "" if share is None else f"; {percent(share)} of the route time"
+def _print_unobserved(user: User, report: VerificationReport) -> None:
+    fraction = report.unobserved_route_fraction
+    of_route = "" if fraction is None else f"; {percent(fraction)} of the route time"
     user.say(f"no evidence       {report.unobserved_s:.1f} s and {report.unobserved_m:.0f} m of the flight{of_route}")
     flown = [stretch for stretch in report.unobserved if stretch.in_flight]
     for stretch in sorted(flown, key=lambda stretch: -stretch.duration_s)[:_SHOWN_STRETCHES]:
@@ -410,23 +410,23 @@ def _say_unobserved(user: User, report: VerificationReport) -> None:
         user.say(f"                  and {counted(len(flown) - _SHOWN_STRETCHES, 'more interval')}")
 
 
-def _say_pictures(user: User, report: VerificationReport) -> None:
-    pictures = report.pictures
-    if pictures is None:
+def _print_photos(user: User, report: VerificationReport) -> None:
+    photos = report.pictures
+    if photos is None:
         return
     user.say(
-        f"photos            {pictures.taken}, {counted(pictures.looks, 'observation')}; photos per point: at least "
-        f"{pictures.fewest}, {pictures.median:g} (median)"
+        f"photos            {photos.taken}, {counted(photos.looks, 'observation')}; photos per point: at least "
+        f"{photos.fewest}, {photos.median:g} (median)"
     )
-    if pictures.asked is not None and pictures.overlap_fraction is not None:
-        holds = "met" if pictures.overlap_holds else "NOT MET"
+    if photos.asked is not None and photos.overlap_fraction is not None:
+        holds = "met" if photos.overlap_holds else "NOT MET"
         user.say(
-            f"required overlap {holds}: {percent(pictures.overlap_fraction)} of the area is in at least "
-            f"{pictures.asked} photos"
+            f"required overlap {holds}: {percent(photos.overlap_fraction)} of the area is in at least "
+            f"{photos.asked} photos"
         )
 
 
-def _say_cells(user: User, report: VerificationReport) -> None:
+def _print_cells(user: User, report: VerificationReport) -> None:
     cells = report.cells
     if cells.looks_mean is None or cells.incidence_median_deg is None:
         return

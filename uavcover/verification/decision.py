@@ -32,21 +32,21 @@ from uavcover.model.verdict import (
 )
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.pictures import PictureCounts, overlap_fraction, overlap_shortfall, picture_statistics
-from uavcover.verification.flown_coverage import NOTHING_KNOWN, FlownCoverage, PictureEvidence, possibly_seen
+from uavcover.sensing.photos import PhotoCounts, overlap_fraction, overlap_shortfall, photo_statistics
+from uavcover.verification.flown_coverage import NOTHING_KNOWN, FlownCoverage, PhotoEvidence, possible_cells
 from uavcover.verification.flown_route import (
     TRACK,
     length_of_m,
-    place_of,
+    path_after_m,
+    path_before_m,
+    paths_between_m,
+    position_of,
     stretch_at,
-    way_after_m,
-    way_before_m,
-    ways_between_m,
 )
 from uavcover.verification.judged_track import JudgedTrack
 from uavcover.verification.observations import level_observations
 from uavcover.verification.possible_motion import motion_limits
-from uavcover.verification.several_flights import NOT_ASKED, Separation
+from uavcover.verification.several_flights import NOT_REQUIRED, Separation
 from uavcover.verification.track_doubts import FlightContinuation, continuations
 
 
@@ -70,12 +70,12 @@ def decide(
     coverage: CoverageMap,  # the cells
     flown: FlownCoverage,  # their coverage
     judged: Sequence[JudgedTrack],  # each track judged by itself
-    pictures: PictureCounts | None,  # number of photos of each cell; None for a sensor without photos
+    photos: PhotoCounts | None,  # number of photos of each cell; None for a sensor without photos
     *,
     unknown_attitude_looks: int,  # number of observations without a known direction
     # from real photos; if they decide the coverage, unobserved parts of the flight cannot add to it
-    evidence: PictureEvidence = NOTHING_KNOWN,
-    separation: Separation = NOT_ASKED,  # of the vehicles
+    evidence: PhotoEvidence = NOTHING_KNOWN,
+    separation: Separation = NOT_REQUIRED,  # of the vehicles
     # the cells as each of several sensors observes them; default: those of the site
     eyes: Sequence[CoverageMap] = (),
 ) -> Decision:
@@ -83,7 +83,7 @@ def decide(
     site = coverage.site
     requirements = site.scenario.requirements
     links = continuations([(j.begin, j.end) for j in judged], motion_limits(site.scenario.vehicle, site.scenario.wind))
-    unobserved, ways = _all_unobserved(site, judged, links)
+    unobserved, paths = _all_unobserved(site, judged, links)
     findings: list[Finding] = []
     for number, j in enumerate(judged):
         which = f"track {number + 1}: " if len(judged) > 1 else ""
@@ -92,7 +92,7 @@ def decide(
             text = f"{line}; uavcover treats the attitude there as unknown"
             found.append(unproved("coverage", text) if unknown_attitude_looks else noted(text))
         findings += [replace(finding, text=which + finding.text) for finding in found]
-    fraction, ways_fraction = _fractions(judged, unobserved)
+    fraction, transit_fraction = _fractions(judged, unobserved)
     if fraction is None:
         findings.append(unproved("unobserved-fraction", "no part of the track is on the route"))
     elif fraction > requirements.max_unobserved_fraction:
@@ -101,15 +101,15 @@ def decide(
             f"{100 * requirements.max_unobserved_fraction:g} %{_longest(site, unobserved, 'route')}"
         )
         findings.append(unproved("unobserved-fraction", text))
-    if ways_fraction > TRACK.max_unobserved_ways_fraction:
+    if transit_fraction > TRACK.max_unobserved_transit_fraction:
         text = (
-            f"{100 * ways_fraction:.0f} % of the outbound and return transits was not observed; the limit is "
-            f"{100 * TRACK.max_unobserved_ways_fraction:g} %{_longest(site, unobserved, 'transit')}"
+            f"{100 * transit_fraction:.0f} % of the outbound and return transits was not observed; the limit is "
+            f"{100 * TRACK.max_unobserved_transit_fraction:g} %{_longest(site, unobserved, 'transit')}"
         )
         findings.append(unproved("transit-observed", text))
     long = [s for s in unobserved if s.in_flight and s.duration_s > requirements.max_unobserved_gap_s]
     gaps = [
-        f"the flight was unobserved for {_told(site, stretch)}; the limit is {requirements.max_unobserved_gap_s:g} s"
+        f"the flight was unobserved for {_describe_interval(site, stretch)}; the limit is {requirements.max_unobserved_gap_s:g} s"
         for stretch in long[: TRACK.shown]
     ]
     if len(long) > TRACK.shown:
@@ -119,33 +119,33 @@ def decide(
     @cache
     def perhaps() -> BoolArray:
         """(cells,) whether unobserved stretches, or looks of unknown direction, may have observed each cell."""
-        found = flown.possibly_by_attitude.copy()
-        for way in ways:
+        found = flown.possible_by_attitude.copy()
+        for path in paths:
             for eye in eyes or (coverage,):
-                found |= possibly_seen(eye, level_observations(eye.site, way, 0.0))
+                found |= possible_cells(eye, level_observations(eye.site, path, 0.0))
         return found
 
     if evidence.shown is None:
         findings += _judge_coverage(coverage, flown, perhaps)
-        findings += _judge_overlap(coverage, pictures, perhaps)
+        findings += _judge_overlap(coverage, photos, perhaps)
         if evidence.photos_required and any(j.photos is not None and j.photos.source == "predicted" for j in judged):
             findings.append(unproved("photos", "photos are required (--require-photos), but the vehicle reported none"))
     else:
         # Cells that photos may show within their errors, or that only photos of unknown sharpness show.
-        findings += _judge_coverage(coverage, flown, lambda: flown.possibly_seen)
+        findings += _judge_coverage(coverage, flown, lambda: flown.possible_cells)
     findings += [*evidence.findings, *separation.findings]
     return Decision(Judgement(tuple(findings)), tuple(unobserved), fraction)
 
 
 def _judge_overlap(
-    coverage: CoverageMap, pictures: PictureCounts | None, perhaps: Callable[[], BoolArray]
+    coverage: CoverageMap, photos: PhotoCounts | None, perhaps: Callable[[], BoolArray]
 ) -> list[Finding]:
     """A missed required overlap fails, unless unobserved photos may make up for it."""
     scenario = coverage.site.scenario
-    short = overlap_shortfall(scenario, None if pictures is None else picture_statistics(coverage, pictures))
+    short = overlap_shortfall(scenario, None if photos is None else photo_statistics(coverage, photos))
     if short is None:
         return []
-    at_most = None if pictures is None else overlap_fraction(coverage, pictures, perhaps())
+    at_most = None if photos is None else overlap_fraction(coverage, photos, perhaps())
     required = scenario.requirements.min_overlap_fraction or 0.0
     if at_most is None or at_most < required:
         return [fails("overlap", short)]
@@ -156,22 +156,22 @@ def _judge_overlap(
 def _judge_coverage(coverage: CoverageMap, flown: FlownCoverage, perhaps: Callable[[], BoolArray]) -> list[Finding]:
     """Insufficient coverage fails, unless unobserved stretches may make up for it: then it is not proved."""
     requirements = coverage.site.scenario.requirements
-    share, sure = coverage.share_of_coverable(flown.seen), coverage.share_of_coverable(flown.surely_seen)
+    fraction, sure = coverage.fraction_of_coverable(flown.observed), coverage.fraction_of_coverable(flown.certain_cells)
     wanted, wanted_sure = requirements.min_coverage_of_coverable, requirements.min_sure_coverage_of_coverable
     short: list[tuple[float, Requirement, float, BoolArray]] = []
-    if share < wanted:
-        short.append((share, "coverage", wanted, flown.seen))
+    if fraction < wanted:
+        short.append((fraction, "coverage", wanted, flown.observed))
     if wanted_sure is not None and sure < wanted_sure:
-        short.append((sure, "sure-coverage", wanted_sure, flown.surely_seen))
+        short.append((sure, "sure-coverage", wanted_sure, flown.certain_cells))
     findings = []
-    for found, what, asked, seen in short:
-        at_most = coverage.share_of_coverable(seen | perhaps())
+    for found, what, required, observed in short:
+        at_most = coverage.fraction_of_coverable(observed | perhaps())
         words = what.replace("-", " ")
-        text = f"{words} {percent_beside(found, asked)} of the visible ground is below the required {100 * asked:.2f} %"
-        if at_most < asked:
+        text = f"{words} {percent_beside(found, required)} of the visible ground is below the required {100 * required:.2f} %"
+        if at_most < required:
             findings.append(fails(what, text))
         else:
-            more = f"unobserved intervals could increase it to {percent_beside(at_most, asked)}"
+            more = f"unobserved intervals could increase it to {percent_beside(at_most, required)}"
             findings.append(unproved(what, f"{text}; {more}"))
     return findings
 
@@ -181,40 +181,40 @@ def _all_unobserved(
 ) -> tuple[list[Unobserved], list[FloatArray]]:
     """Stretches without evidence, within the tracks and at their ends, and the parts of the route they may have covered."""
     found: list[Unobserved] = []
-    ways: list[FloatArray] = []
+    paths: list[FloatArray] = []
     for number, j in enumerate(judged):
-        before, after = way_before_m(j.planned, j.passed), way_after_m(j.planned, j.passed)
+        before, after = path_before_m(j.planned, j.passed), path_after_m(j.planned, j.passed)
         if not j.begin.on_ground and not any(link.after == number for link in links):
             found.append(_missing(site, j, number, before, first=True))
-            ways.append(before)
+            paths.append(before)
         found += [replace(stretch, track=number) for stretch in j.unobserved]
-        ways += ways_between_m(j.enu_m, j.joined, j.phases.route, j.planned, j.passed)
-        ways += [] if j.photos is None else j.photos.perhaps_m
+        paths += paths_between_m(j.enu_m, j.joined, j.phases.route, j.planned, j.passed)
+        paths += [] if j.photos is None else j.photos.perhaps_m
         link = next((link for link in links if link.before == number), None)
         if link is not None:
             other = judged[link.after]
             start_s, end_s = j.end.time_s, other.begin.time_s
             detail = f"{end_s - start_s:.1f} s lie between track {number + 1} and its continuation, {link.after + 1}"
-            way = np.vstack([j.end.enu_m, other.begin.enu_m])
+            path = np.vstack([j.end.enu_m, other.begin.enu_m])
             on_route = bool(j.phases.route[-1] or other.phases.route[0])
             if end_s - start_s > site.scenario.requirements.max_gap_s:
                 stretch = stretch_at(
                     site, j.end.enu_m, reason="no samples", detail=detail, span_s=(start_s, end_s),
-                    length_m=length_of_m(way), on_route=on_route,
+                    length_m=length_of_m(path), on_route=on_route,
                 )  # fmt: skip
                 found.append(replace(stretch, track=number))
-                ways += [way] if on_route else []
+                paths += [path] if on_route else []
         elif not j.end.on_ground:
             found.append(_missing(site, j, number, after, first=False))
-            ways.append(after)
-    return found, [way for way in ways if len(way) > 0]
+            paths.append(after)
+    return found, [path for path in paths if len(path) > 0]
 
 
-def _missing(site: Site, j: JudgedTrack, number: int, way_m: FloatArray, *, first: bool) -> Unobserved:
+def _missing(site: Site, j: JudgedTrack, number: int, path_m: FloatArray, *, first: bool) -> Unobserved:
     end = j.begin if first else j.end
     stretch = stretch_at(
         site, end.enu_m, reason="before the first sample" if first else "after the last sample", detail=str(end),
-        span_s=(end.time_s, end.time_s), length_m=length_of_m(way_m), on_route=len(way_m) > 1,
+        span_s=(end.time_s, end.time_s), length_m=length_of_m(path_m), on_route=len(path_m) > 1,
     )  # fmt: skip
     return replace(stretch, track=number)
 
@@ -222,39 +222,42 @@ def _missing(site: Site, j: JudgedTrack, number: int, way_m: FloatArray, *, firs
 def _end_doubts(site: Site, number: int, j: JudgedTrack, links: Sequence[FlightContinuation]) -> list[str]:
     doubts = []
     if not j.begin.on_ground and not any(link.after == number for link in links):
-        doubts.append(f"{j.begin}, at {place_of(site, j.begin.enu_m)}, {j.begin.time_s:.1f} s; its start is missing")
+        doubts.append(f"{j.begin}, at {position_of(site, j.begin.enu_m)}, {j.begin.time_s:.1f} s; its start is missing")
     if not j.end.on_ground and not any(link.before == number for link in links):
-        doubts.append(f"{j.end}, at {place_of(site, j.end.enu_m)}, {j.end.time_s:.1f} s; its end is missing")
+        doubts.append(f"{j.end}, at {position_of(site, j.end.enu_m)}, {j.end.time_s:.1f} s; its end is missing")
     return doubts
 
 
 def _fractions(judged: Sequence[JudgedTrack], unobserved: Sequence[Unobserved]) -> tuple[float | None, float]:
     """Unobserved fractions of the time on the route and in transit."""
-    route_s, ways_s = 0.0, 0.0
+    route_s, transit_s = 0.0, 0.0
     for j in judged:
         chosen = np.flatnonzero(j.phases.route)
         on_route_s = float(j.track.time_s[chosen[-1]] - j.track.time_s[chosen[0]]) if chosen.size else 0.0
         route_s += on_route_s
-        ways_s += float(j.track.time_s[-1] - j.track.time_s[0]) - on_route_s
+        transit_s += float(j.track.time_s[-1] - j.track.time_s[0]) - on_route_s
     missing = {
         phase: sum(s.duration_s for s in unobserved if s.phase == phase and s.in_flight)
         for phase in ("route", "transit")
     }
     route_s = max(route_s, missing["route"])
-    ways_s = max(ways_s, missing["transit"])
-    return (missing["route"] / route_s if route_s > 0.0 else None, missing["transit"] / ways_s if ways_s > 0.0 else 0.0)
+    transit_s = max(transit_s, missing["transit"])
+    return (
+        missing["route"] / route_s if route_s > 0.0 else None,
+        missing["transit"] / transit_s if transit_s > 0.0 else 0.0,
+    )
 
 
 def _longest(site: Site, unobserved: Sequence[Unobserved], phase: str) -> str:
     stretches = [s for s in unobserved if s.phase == phase and s.in_flight and s.duration_s > 0.0]
     if not stretches:
         return ""
-    return f"; longest of {len(stretches)} such intervals: {_told(site, max(stretches, key=lambda s: s.duration_s))}"
+    return f"; longest of {len(stretches)} such intervals: {_describe_interval(site, max(stretches, key=lambda s: s.duration_s))}"
 
 
-def _told(site: Site, stretch: Unobserved) -> str:
-    place = place_of(site, np.array([stretch.east_m, stretch.north_m, 0.0]))
-    return f"{stretch.duration_s:.1f} s, from {stretch.start_s:.1f} s at {place} ({stretch.detail})"
+def _describe_interval(site: Site, stretch: Unobserved) -> str:
+    position = position_of(site, np.array([stretch.east_m, stretch.north_m, 0.0]))
+    return f"{stretch.duration_s:.1f} s, from {stretch.start_s:.1f} s at {position} ({stretch.detail})"
 
 
 _OTHERS: Mapping[Requirement, str] = {
@@ -272,7 +275,7 @@ class RequirementRow:
     """A row of the table."""
 
     name: str  # the requirement
-    asked: str  # its limit, as text
+    required: str  # its limit, as text
     found: str  # what the flight did, as text
     holds: Holds  # whether it holds; "not proved" if nothing contradicts it, but too little was observed
 
@@ -282,10 +285,10 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
     limits, requirements = scenario.limits, scenario.requirements
     judge = _Judge(report)
     least, sure = requirements.min_coverage_of_coverable, requirements.min_sure_coverage_of_coverable
-    rows = [judge.share("coverage", "Coverage of visible ground", least, report.coverage_of_coverable)]
+    rows = [judge.fraction("coverage", "Coverage of visible ground", least, report.coverage_of_coverable)]
     if sure is not None:
         found = report.surely_covered_of_coverable
-        rows.append(judge.share("sure-coverage", "Certainly observed visible ground", sure, found))
+        rows.append(judge.fraction("sure-coverage", "Certainly observed visible ground", sure, found))
     if requirements.min_overlap_fraction is not None:
         rows.append(_overlap_row(requirements.min_overlap_fraction, report, judge))
     rows += _observed_rows(scenario, report, judge)
@@ -321,12 +324,12 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
     return [*rows, *judge.others()]
 
 
-def _overlap_row(asked: float, report: VerificationReport, judge: "_Judge") -> RequirementRow:
-    pictures = report.pictures
-    found = None if pictures is None else pictures.overlap_fraction
-    number = "" if pictures is None or pictures.asked is None else f" {pictures.asked}"
+def _overlap_row(required: float, report: VerificationReport, judge: "_Judge") -> RequirementRow:
+    photos = report.pictures
+    found = None if photos is None else photos.overlap_fraction
+    number = "" if photos is None or photos.asked is None else f" {photos.asked}"
     name = f"Area in at least{number} photos (required overlap)"
-    return judge.row("overlap", name, f"at least {100.0 * asked:g} %", _share(found, asked))
+    return judge.row("overlap", name, f"at least {100.0 * required:g} %", _fraction(found, required))
 
 
 def _observed_rows(scenario: Scenario, report: VerificationReport, judge: "_Judge") -> list[RequirementRow]:
@@ -340,7 +343,10 @@ def _observed_rows(scenario: Scenario, report: VerificationReport, judge: "_Judg
     gap = "Longest interval in flight without evidence"
     return [
         judge.row(
-            "unobserved-fraction", "Route time without evidence", f"at most {100.0 * most:g} %", _share(missing, most)
+            "unobserved-fraction",
+            "Route time without evidence",
+            f"at most {100.0 * most:g} %",
+            _fraction(missing, most),
         ),
         judge.row("unobserved-gap", gap, most_s, f"{longest_s:.1f} s"),
         judge.row("ends", "Track starts and ends on the ground", "always", ends),
@@ -352,43 +358,45 @@ class _Judge:
 
     def __init__(self, report: VerificationReport) -> None:
         self._report = report
-        self._told: set[Requirement] = set()
+        self._reported: set[Requirement] = set()
 
-    def row(self, requirement: Requirement, name: str, asked: str, found: str) -> RequirementRow:
+    def row(self, requirement: Requirement, name: str, required: str, found: str) -> RequirementRow:
         """A requirement with the result of the flight."""
-        self._told.add(requirement)
-        return RequirementRow(name, asked, found, self._report.judgement.holds(requirement))
+        self._reported.add(requirement)
+        return RequirementRow(name, required, found, self._report.judgement.holds(requirement))
 
     @property
     def _observed(self) -> bool:
         return self._report.judgement.holds("unobserved-fraction", "unobserved-gap", "ends") == "yes"
 
-    def limit(self, requirement: Requirement, name: str, asked: str, found: str) -> RequirementRow:
+    def limit(self, requirement: Requirement, name: str, required: str, found: str) -> RequirementRow:
         """A limit, which is kept only if the flight was observed."""
-        row = self.row(requirement, name, asked, found)
+        row = self.row(requirement, name, required, found)
         return row if row.holds != "yes" or self._observed else replace(row, holds="not proved")
 
-    def kept(self, requirement: Requirement, name: str, asked: str) -> RequirementRow:
+    def kept(self, requirement: Requirement, name: str, required: str) -> RequirementRow:
         """A limit without a figure."""
         number = sum(LIMIT_OF[violation.kind] == requirement for violation in self._report.violations)
         kept = "kept" if self._observed else "kept wherever observed"
         found = kept if number == 0 else f"left {counted(number, 'time')}"
-        return self.limit(requirement, name, asked, found)
+        return self.limit(requirement, name, required, found)
 
-    def share(self, requirement: Requirement, name: str, asked: float, found: float) -> RequirementRow:
+    def fraction(self, requirement: Requirement, name: str, required: float, found: float) -> RequirementRow:
         """A fraction of the area."""
-        return self.row(requirement, name, f"at least {100.0 * asked:g} %", _share(found, asked))
+        return self.row(requirement, name, f"at least {100.0 * required:g} %", _fraction(found, required))
 
     def others(self) -> list[RequirementRow]:
         """Findings that decided the verdict and have no row yet, so that the table and the verdict say the same."""
         findings = [finding for finding in self._report.judgement.findings if finding.effect != "noted"]
-        concerned = dict.fromkeys(name for finding in findings for name in finding.concerns if name not in self._told)
+        concerned = dict.fromkeys(
+            name for finding in findings for name in finding.concerns if name not in self._reported
+        )
         texts = {name: "; ".join(f.text for f in findings if name in f.concerns) for name in concerned}
         return [self.row(name, _OTHERS.get(name, name), "always", text) for name, text in texts.items()]
 
 
-def _share(found: float | None, asked: float) -> str:
-    return "unknown" if found is None else percent_beside(found, asked)
+def _fraction(found: float | None, required: float) -> str:
+    return "unknown" if found is None else percent_beside(found, required)
 
 
 def _metres(value: float | None) -> str:

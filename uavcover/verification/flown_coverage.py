@@ -17,7 +17,7 @@ from uavcover.model.verdict import CellStatistics, CoverageMoment, Finding, unpr
 from uavcover.run.scheduling import Workers, workers_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.pictures import PictureCounts
+from uavcover.sensing.photos import PhotoCounts
 from uavcover.sensing.sensors import add_observations
 from uavcover.sensing.site_maps import judging_block, row_blocks
 from uavcover.verification.flown_route import TRACK
@@ -29,13 +29,13 @@ from uavcover.verification.possible_motion import MAX_LEAN_DEG
 class FlownCoverage:
     """Coverage by cell; every array has one value for each cell."""
 
-    seen: BoolArray  # whether it was observed, if measured positions and terrain are exact
-    # whether it was observed for every error within the scenario's [uncertainty]; subset of ``seen``
-    surely_seen: BoolArray
-    # whether it may have been observed for some error, or some unknown direction of the camera; superset of ``seen``
-    possibly_seen: BoolArray
-    possibly_by_attitude: BoolArray  # whether only an observation of unknown direction may have observed it
-    first_seen_s: FloatArray  # time of its first observation, NaN without one
+    observed: BoolArray  # whether it was observed, if measured positions and terrain are exact
+    # whether it was observed for every error within the scenario's [uncertainty]; subset of ``observed``
+    certain_cells: BoolArray
+    # whether it may have been observed for some error, or some unknown direction of the camera; superset of ``observed``
+    possible_cells: BoolArray
+    possible_by_attitude: BoolArray  # whether only an observation of unknown direction may have observed it
+    first_observed_s: FloatArray  # time of its first observation, NaN without one
     passes: NDArray[np.int32]  # number of separate passes that observed it
     nearest_m: FloatArray  # shortest distance of an observation, NaN without one
     # smallest ground sample distance of an observation, NaN without a known one
@@ -55,29 +55,29 @@ def count_observations(coverage: CoverageMap, observations: Observations) -> Flo
     camera = _camera(coverage, slopes)
     certain = observations.where(observations.known)
     counts = _counted(coverage, certain, slopes, camera)
-    seen = counts.first >= 0
-    when = np.full(seen.size, np.nan)
-    when[seen] = certain.times_s[counts.first[seen]]
+    observed = counts.first >= 0
+    when = np.full(observed.size, np.nan)
+    when[observed] = certain.times_s[counts.first[observed]]
     exact = camera.offset_m == 0.0 and camera.turn_rad == 0.0
-    possible = seen if exact else seen | (counts.possible >= camera.needed)
+    possible = observed if exact else observed | (counts.possible >= camera.needed)
     doubtful = observations.where(~observations.known)
-    by_attitude = possibly_seen(coverage, doubtful) if len(doubtful) else np.zeros(seen.size, dtype=bool)
+    by_attitude = possible_cells(coverage, doubtful) if len(doubtful) else np.zeros(observed.size, dtype=bool)
     return FlownCoverage(
-        seen=seen,
-        surely_seen=seen if exact else seen & (counts.sure >= camera.needed),
-        possibly_seen=possible | by_attitude,
-        possibly_by_attitude=by_attitude & ~seen,
-        first_seen_s=when,
+        observed=observed,
+        certain_cells=observed if exact else observed & (counts.sure >= camera.needed),
+        possible_cells=possible | by_attitude,
+        possible_by_attitude=by_attitude & ~observed,
+        first_observed_s=when,
         passes=counts.passes,
         nearest_m=_finite(counts.nearest_m),
         ground_sample_m=_finite(counts.ground_sample_m),
         # Rounding may leave a cosine slightly above 1.
-        incidence_deg=np.where(seen, np.degrees(np.arccos(np.clip(counts.cos_incidence, -1.0, 1.0))), np.nan),
+        incidence_deg=np.where(observed, np.degrees(np.arccos(np.clip(counts.cos_incidence, -1.0, 1.0))), np.nan),
         outcome=counts.outcome,
     )
 
 
-def seen_by_any(each: Sequence[FlownCoverage]) -> FlownCoverage:
+def observed_by_any(each: Sequence[FlownCoverage]) -> FlownCoverage:
     """Join the observations of the same cells by several sensors.
 
     Args:
@@ -90,13 +90,13 @@ def seen_by_any(each: Sequence[FlownCoverage]) -> FlownCoverage:
     def least(name: str) -> FloatArray:
         return np.asarray(np.fmin.reduce([getattr(one, name) for one in each], axis=0))
 
-    seen = either("seen")
+    observed = either("observed")
     return FlownCoverage(
-        seen=seen,
-        surely_seen=either("surely_seen"),
-        possibly_seen=either("possibly_seen"),
-        possibly_by_attitude=either("possibly_by_attitude") & ~seen,
-        first_seen_s=least("first_seen_s"),
+        observed=observed,
+        certain_cells=either("certain_cells"),
+        possible_cells=either("possible_cells"),
+        possible_by_attitude=either("possible_by_attitude") & ~observed,
+        first_observed_s=least("first_observed_s"),
         passes=np.asarray(np.add.reduce([one.passes for one in each], axis=0), dtype=np.int32),
         nearest_m=least("nearest_m"),
         ground_sample_m=least("ground_sample_m"),
@@ -105,7 +105,7 @@ def seen_by_any(each: Sequence[FlownCoverage]) -> FlownCoverage:
     )
 
 
-def possibly_seen(coverage: CoverageMap, observations: Observations) -> BoolArray:
+def possible_cells(coverage: CoverageMap, observations: Observations) -> BoolArray:
     """(cells,) whether observations of unknown direction may have seen each cell, leaning up to MAX_LEAN_DEG any way."""
     site = coverage.site
     slopes = local_slopes(site.ground.surface)
@@ -147,7 +147,7 @@ def joined_observations(parts: Sequence[Observations], shifts_s: Sequence[float]
     times_s = np.concatenate([part.times_s + shift for part, shift in zip(parts, shifts_s, strict=True)])
     order = np.argsort(times_s, kind="stable")
     return Observations(
-        np.vstack([part.places_m for part in parts])[order],
+        np.vstack([part.positions_m for part in parts])[order],
         np.vstack([part.axes for part in parts])[order],
         np.vstack([part.tops for part in parts])[order],
         times_s[order],
@@ -159,7 +159,7 @@ def _counted(
     coverage: CoverageMap, observations: Observations, slopes: LocalSlopes, camera: Camera
 ) -> ObservationCounts:
     counts: ObservationCounts = kernels.no_observations(coverage.grid.count, camera.needed)
-    poses = SensorPoses(observations.places_m, observations.axes, observations.tops, observations.times_s)
+    poses = SensorPoses(observations.positions_m, observations.axes, observations.tops, observations.times_s)
     add_observations(coverage.site, slopes, coverage.sight, camera, coverage.grid.cells, poses, counts)
     return counts
 
@@ -247,11 +247,11 @@ def near_block(block: CoverageMap, observations: Observations) -> Observations:
         return observations.where(np.zeros(len(observations), dtype=bool))
     uncertainty = block.site.scenario.uncertainty
     halo_m = block.sight.reach_m + 2.0 * (uncertainty.position_m + block.site.vertical_uncertainty_m) + 1.0
-    places_m = observations.places_m
+    positions_m = observations.positions_m
     near = np.ones(len(observations), dtype=bool)
     for axis in range(2):
-        near &= places_m[:, axis] >= centre_m[:, axis].min() - halo_m
-        near &= places_m[:, axis] <= centre_m[:, axis].max() + halo_m
+        near &= positions_m[:, axis] >= centre_m[:, axis].min() - halo_m
+        near &= positions_m[:, axis] <= centre_m[:, axis].max() + halo_m
     return observations.where(near)
 
 
@@ -275,40 +275,40 @@ class GivenEvidence:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PictureEvidence:
+class PhotoEvidence:
     """Evidence from a flight's photos, in addition to its track."""
 
     # coverage by cell, on the evaluation grid; None if only the track determines it
     shown: FlownCoverage | None = None
-    counts: PictureCounts | None = None  # number of photos that show each cell; None as for ``shown``
+    counts: PhotoCounts | None = None  # number of photos that show each cell; None as for ``shown``
     # missing or unproved coverage, and other findings
     findings: tuple[Finding, ...] = ()
     photos_required: bool = False  # whether a flight whose vehicle reported no photo is not proved
 
 
-NOTHING_KNOWN = PictureEvidence()
+NOTHING_KNOWN = PhotoEvidence()
 _UNREPORTED = (
     "the log reports no photos: cells in view of the camera count, but nothing shows that it took photos; add the "
     "photos with --photos"
 )
-NO_PICTURES = PictureEvidence(findings=(unproved("photos", _UNREPORTED),))
+NO_PHOTOS = PhotoEvidence(findings=(unproved("photos", _UNREPORTED),))
 """Evidence for a flight that was not planned here: no mission of ours triggered its camera."""
 
 
 def cell_statistics(coverage: CoverageMap, flown: FlownCoverage) -> CellStatistics:
     """Statistics of observations, ground sample distance and incidence over all cells."""
-    seen = flown.seen
+    observed = flown.observed
 
-    def percentile(values: FloatArray, share: float) -> float | None:
-        known = values[seen & np.isfinite(values)]
-        return float(np.percentile(known, share)) if known.size else None
+    def percentile(values: FloatArray, fraction: float) -> float | None:
+        known = values[observed & np.isfinite(values)]
+        return float(np.percentile(known, fraction)) if known.size else None
 
     return CellStatistics(
         count=coverage.grid.count,
-        seen=int(seen.sum()),
-        looks_mean=float(flown.passes[seen].mean()) if seen.any() else None,
+        seen=int(observed.sum()),
+        looks_mean=float(flown.passes[observed].mean()) if observed.any() else None,
         looks_max=int(flown.passes.max()),
-        seen_twice_fraction=coverage.share(flown.passes >= 2),
+        seen_twice_fraction=coverage.fraction(flown.passes >= 2),
         ground_sample_median_m=percentile(flown.ground_sample_m, 50.0),
         ground_sample_p95_m=percentile(flown.ground_sample_m, 95.0),
         incidence_median_deg=percentile(flown.incidence_deg, 50.0),
@@ -320,10 +320,10 @@ def coverage_by_time(coverage: CoverageMap, flown: FlownCoverage, times_s: Float
     """Coverage reached by selected moments of the (k,) observation times."""
     if times_s.size == 0:
         return ()
-    order = np.flatnonzero(flown.seen)
-    order = order[np.argsort(flown.first_seen_s[order], kind="stable")]
+    order = np.flatnonzero(flown.observed)
+    order = order[np.argsort(flown.first_observed_s[order], kind="stable")]
     weight = coverage.grid.weight_m2
     so_far = np.append(0.0, np.cumsum(weight[order])) / coverage.grid.area_m2
     moments = np.linspace(times_s[0], times_s[-1], TRACK.moments) if times_s[-1] > times_s[0] else times_s[:1]
-    shares = so_far[np.searchsorted(flown.first_seen_s[order], moments, side="right")]
-    return tuple(CoverageMoment(float(t), float(share)) for t, share in zip(moments, shares, strict=True))
+    fractions = so_far[np.searchsorted(flown.first_observed_s[order], moments, side="right")]
+    return tuple(CoverageMoment(float(t), float(fraction)) for t, fraction in zip(moments, fractions, strict=True))

@@ -20,12 +20,12 @@ class _Track:
     max_contradiction_m: float
     reported_height_m: float
     roll_m: float
-    place_margin_m: float
+    position_margin_m: float
     max_impossible_moves: int
     around_s: float
     most_legs: int
     moments: int
-    max_unobserved_ways_fraction: float
+    max_unobserved_transit_fraction: float
     shown: int
     fewest_samples: int
     spreads: float
@@ -41,7 +41,7 @@ TRACK = data_table(_Track, "uavcover/data/verification.toml", "track")
 class _Safety:
     speed_window_s: float
     sustained_s: float
-    under_way: float
+    moving: float
     too_slow: float
     speed_tolerance: float
     fence_step_m: float
@@ -126,10 +126,10 @@ def _distances_m(enu_m: FloatArray, joined: BoolArray, point_m: FloatArray) -> F
     distance = np.hypot(offset[:, 0], offset[:, 1])
     if len(enu_m) < 2:
         return distance
-    way = np.diff(enu_m[:, :2], axis=0)
-    length2 = np.maximum(np.einsum("ij,ij->i", way, way), 1e-12)
-    share = np.clip(-np.einsum("ij,ij->i", offset[:-1], way) / length2, 0.0, 1.0)
-    foot = offset[:-1] + share[:, None] * way
+    step = np.diff(enu_m[:, :2], axis=0)
+    length2 = np.maximum(np.einsum("ij,ij->i", step, step), 1e-12)
+    fraction = np.clip(-np.einsum("ij,ij->i", offset[:-1], step) / length2, 0.0, 1.0)
+    foot = offset[:-1] + fraction[:, None] * step
     along = np.hypot(foot[:, 0], foot[:, 1])
     distance[:-1] = np.where(joined, along, distance[:-1])
     return distance
@@ -268,12 +268,14 @@ def _beyond(numbers: NDArray[np.int64], span: list[int], passed: Passing | None)
     at = passed.samples[waypoints]
     if not span:
         return [int(at[0]), int(at[-1])] if waypoints.size >= 2 else []
-    first_told, last_told = int(numbers[span[0]]), int(numbers[span[1]])
-    before = at[(at < span[0]) & (waypoints < first_told - 1)]
-    after = at[(at > span[1]) & (waypoints >= last_told)]
-    ends = waypoints[(at > span[1]) & (waypoints >= last_told)]
+    first_reported, last_reported = int(numbers[span[0]]), int(numbers[span[1]])
+    before = at[(at < span[0]) & (waypoints < first_reported - 1)]
+    after = at[(at > span[1]) & (waypoints >= last_reported)]
+    ends = waypoints[(at > span[1]) & (waypoints >= last_reported)]
     found = [int(before[0])] if before.size >= 2 or (before.size and waypoints[0] == 0) else []
-    if after.size >= 2 or (after.size and last_told < len(passed.samples) - 1 and ends[-1] == len(passed.samples) - 1):
+    if after.size >= 2 or (
+        after.size and last_reported < len(passed.samples) - 1 and ends[-1] == len(passed.samples) - 1
+    ):
         found.append(int(after[-1]))
     return found
 
@@ -298,8 +300,8 @@ def turned_back(
     if (track.current_waypoint >= 1).any() or passed.passed.sum() > 1:
         return False
     away_m = np.linalg.norm(enu_m - enu_m[0], axis=1)
-    unseen_m = np.where(joined, 0.0, speed_m_s * np.diff(track.time_s))
-    furthest_m = max(float(away_m.max()), float((0.5 * (away_m[:-1] + away_m[1:] + unseen_m)).max(initial=0.0)))
+    unobserved_m = np.where(joined, 0.0, speed_m_s * np.diff(track.time_s))
+    furthest_m = max(float(away_m.max()), float((0.5 * (away_m[:-1] + away_m[1:] + unobserved_m)).max(initial=0.0)))
     return furthest_m < float(np.linalg.norm(planned.waypoints_m[0] - home_m)) - passed.radius_m
 
 
@@ -332,7 +334,7 @@ def lat_lon_deg(site: Site, enu_m: FloatArray) -> tuple[float, float]:
     return float(lat[0]), float(lon[0])
 
 
-def place_of(site: Site, enu_m: FloatArray) -> str:
+def position_of(site: Site, enu_m: FloatArray) -> str:
     """A position as text: latitude and longitude, or local metres without a georeference."""
     if site.frame is None:
         return f"{enu_m[0]:.0f} m east, {enu_m[1]:.0f} m north"
@@ -386,7 +388,7 @@ def stretch_at(
     )  # fmt: skip
 
 
-def way_before_m(planned: PlannedRoute | None, passed: Passing | None) -> FloatArray:
+def path_before_m(planned: PlannedRoute | None, passed: Passing | None) -> FloatArray:
     """(k, 3) the planned route up to the first waypoint that was passed; empty without a plan."""
     if planned is None or passed is None:
         return np.empty((0, 3))
@@ -394,7 +396,7 @@ def way_before_m(planned: PlannedRoute | None, passed: Passing | None) -> FloatA
     return planned.waypoints_m[: int(reached[0]) + 1] if reached.size else planned.waypoints_m
 
 
-def way_after_m(planned: PlannedRoute | None, passed: Passing | None) -> FloatArray:
+def path_after_m(planned: PlannedRoute | None, passed: Passing | None) -> FloatArray:
     """(k, 3) the planned route from the last waypoint that was passed; empty without a plan."""
     if planned is None or passed is None:
         return np.empty((0, 3))
@@ -402,7 +404,7 @@ def way_after_m(planned: PlannedRoute | None, passed: Passing | None) -> FloatAr
     return planned.waypoints_m[int(reached[-1]) :] if reached.size else planned.waypoints_m
 
 
-def ways_between_m(
+def paths_between_m(
     enu_m: FloatArray, joined: BoolArray, route: BoolArray, planned: PlannedRoute | None, passed: Passing | None
 ) -> Iterator[FloatArray]:
     """A (k, 3) path for each unobserved stretch of the route: straight, or through the planned waypoints in between."""

@@ -14,7 +14,7 @@ from rasterio.io import MemoryFile
 
 from uavcover.errors import InputError
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.kernels.sight import NOT_IN_RANGE, OCCLUDED, SEEN, TOO_COARSE, TOO_OBLIQUE
+from uavcover.kernels.sight import NOT_IN_RANGE, OBSERVED, OCCLUDED, TOO_COARSE, TOO_OBLIQUE
 from uavcover.model.verdict import Gap, GapReason
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.terrain.frames import LocalFrame
@@ -103,7 +103,7 @@ _OUTCOMES: dict[int, GapReason] = {
     TOO_OBLIQUE: "too-oblique",
     OCCLUDED: "occluded",
     TOO_COARSE: "too-coarse",
-    SEEN: "too-few-looks",
+    OBSERVED: "too-few-looks",
 }
 
 
@@ -127,10 +127,10 @@ def find_gaps(coverage: CoverageMap, flown: FlownCoverage) -> list[GapRegion]:
 def reason_codes(coverage: CoverageMap, flown: FlownCoverage) -> NDArray[np.uint8]:
     """(cells,) 0 where a cell was seen, otherwise the number of its reason in REASONS, from 1."""
     codes = np.zeros(coverage.grid.count, dtype=np.uint8)
-    missing = ~flown.seen
+    missing = ~flown.observed
     for outcome, reason in _OUTCOMES.items():
         codes[missing & (flown.outcome == outcome)] = 1 + REASONS.index(reason)
-    codes[missing & flown.possibly_by_attitude] = 1 + REASONS.index("attitude-not-known")
+    codes[missing & flown.possible_by_attitude] = 1 + REASONS.index("attitude-not-known")
     # Assigned last: a cell that cannot be seen at all was also never in range, or always too oblique.
     codes[missing & ~coverage.coverable] = 1 + REASONS.index("out-of-limits")
     return codes
@@ -189,7 +189,7 @@ def gaps_geojson(coverage: CoverageMap, regions: Sequence[GapRegion]) -> dict[st
     return {"type": "FeatureCollection", "features": features}
 
 
-def _places_in_lattice(coverage: CoverageMap) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _positions_in_lattice(coverage: CoverageMap) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Row and column of each cell."""
     lattice = coverage.grid.cells.lattice
     rows, columns = np.nonzero(lattice >= 0)
@@ -201,7 +201,7 @@ def _places_in_lattice(coverage: CoverageMap) -> tuple[NDArray[np.int64], NDArra
 
 def cells_outline(coverage: CoverageMap, chosen: NDArray[np.int64]) -> shapely.MultiPolygon:
     """Union of cells as one shape in the local frame, built from one rectangle per run of cells in a row."""
-    row_of, column_of = _places_in_lattice(coverage)
+    row_of, column_of = _positions_in_lattice(coverage)
     rows, columns = row_of[chosen], column_of[chosen]
     order = np.lexsort((columns, rows))
     rows, columns = rows[order], columns[order]
@@ -212,7 +212,7 @@ def cells_outline(coverage: CoverageMap, chosen: NDArray[np.int64]) -> shapely.M
     cells = coverage.grid.cells
     corner = np.array([cells.east0_m, cells.north0_m]) - 0.5 * cells.size_m
     outline = shapely.MultiPolygon(list(shapely.get_parts(united)))
-    found: shapely.MultiPolygon = shapely.transform(outline, lambda places: corner + cells.size_m * places)
+    found: shapely.MultiPolygon = shapely.transform(outline, lambda positions: corner + cells.size_m * positions)
     return found
 
 
@@ -221,11 +221,11 @@ def _geometry(coverage: CoverageMap, frame: LocalFrame, outline: shapely.MultiPo
     ground = coverage.site.ground
     level = float(np.mean(coverage.grid.cells.centre_m[:, 2]))
 
-    def to_lon_lat(places_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        heights = ground.heights_m(places_m)
+    def to_lon_lat(positions_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        heights = ground.heights_m(positions_m)
         # a corner may lie just outside the elevation data; a few metres of height shift it by micrometres.
         heights = np.where(np.isfinite(heights), heights, level)
-        lat, lon, _ = frame.geodetic_from_enu(np.column_stack([places_m, heights]))
+        lat, lon, _ = frame.geodetic_from_enu(np.column_stack([positions_m, heights]))
         return np.column_stack([lon, lat])
 
     shape = shapely.orient_polygons(shapely.transform(outline, to_lon_lat))

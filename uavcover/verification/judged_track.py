@@ -19,8 +19,8 @@ from uavcover.verification.flown_route import (
     contradiction,
     on_route,
     passing,
-    place_of,
     plan_doubt,
+    position_of,
     turned_back,
     unobserved_stretches,
 )
@@ -99,23 +99,23 @@ def judge_track(
             plan that says where they are.
     """
     scenario = site.scenario
-    told_m = _checked_positions_m(site, track)
+    checked_m = _checked_positions_m(site, track)
     limits = motion_limits(scenario.vehicle, scenario.wind)
     error_m = max(POSITION_ERROR_M, scenario.uncertainty.position_m)
     motion = judge_motion(
-        track.time_s, told_m, limits, max_gap_s=scenario.requirements.max_gap_s, velocity_m_s=track.velocity_enu_m_s,
+        track.time_s, checked_m, limits, max_gap_s=scenario.requirements.max_gap_s, velocity_m_s=track.velocity_enu_m_s,
         position_error_m=error_m,
     )  # fmt: skip
     kept = np.flatnonzero(motion.evidence & ~without_fix(track))
     kept = kept if len(kept) else np.zeros(1, dtype=np.int64)
-    contradiction_m = float(np.max(np.linalg.norm(told_m - track.enu_m, axis=1)))
-    whole, enu = track, told_m
+    contradiction_m = float(np.max(np.linalg.norm(checked_m - track.enu_m, axis=1)))
+    whole, enu = track, checked_m
     if len(kept) < len(track):
-        enu, track = told_m[kept], track.taken(kept)
+        enu, track = checked_m[kept], track.taken(kept)
     joined = (np.diff(kept) == 1) & motion.joined[kept[:-1]]
     known = known_attitude(track, enu, joined)
     track = replace(track, attitude_deg=known.attitude_deg)
-    radius_m = _place_radius_m(site) + scenario.uncertainty.position_m
+    radius_m = _position_radius_m(site) + scenario.uncertainty.position_m
     passed, misnumbered = None, None
     if planned is not None and len(planned.waypoints_m):
         passed = passing(enu, joined, planned.waypoints_m, radius_m=radius_m)
@@ -143,7 +143,7 @@ def judge_track(
     broken = find_violations(site, track, enu, heights, phases, joined)
     off = _requirement_violations(site, track, enu, phases, speeds, deviations)
     unbelieved = [
-        *motion_doubts(site, whole, told_m, motion, limits, position_error_m=error_m),
+        *motion_doubts(site, whole, checked_m, motion, limits, position_error_m=error_m),
         *sampling_doubts(whole, motion, known),
         known.contradiction,
         # a flight that ended before its route need not keep the positions and the pace of the plan.
@@ -269,7 +269,7 @@ def _ground_doubts(
     site: Site, track: Track, enu_m: FloatArray, here_m: FloatArray, heights: Heights, phases: Phases
 ) -> list[Finding]:
     doubts = []
-    unknown = np.isnan(heights.lowest.values) & ~phases.column
+    unknown = np.isnan(heights.lowest.values) & ~phases.vertical
     if unknown.any():
         first = float(track.time_s[int(np.argmax(unknown))])
         text = (
@@ -281,7 +281,7 @@ def _ground_doubts(
     if here_m[lowest] < -ground_tolerance_m(site.scenario):
         text = (
             f"positions are below the ground by up to {-here_m[lowest]:.1f} m at {track.time_s[lowest]:.1f} s, "
-            f"{place_of(site, enu_m[lowest])}; the heights have a different datum, or the track a different location"
+            f"{position_of(site, enu_m[lowest])}; the heights have a different datum, or the track a different location"
         )
         doubts.append(unproved("evidence", text))
     return doubts
@@ -303,13 +303,13 @@ def _findings(site: Site, begin: TrackEnd, end: TrackEnd) -> list[str]:
         away_m = float(np.hypot(*(where.enu_m[:2] - site.home_m[:2])))
         if where.on_ground and away_m > most_m:
             findings.append(
-                f"the vehicle {did} {away_m:.0f} m from the scenario's home, at {place_of(site, where.enu_m)}"
+                f"the vehicle {did} {away_m:.0f} m from the scenario's home, at {position_of(site, where.enu_m)}"
             )
     return findings
 
 
-def _place_radius_m(site: Site) -> float:
-    return reached_m(site) + TRACK.place_margin_m
+def _position_radius_m(site: Site) -> float:
+    return reached_m(site) + TRACK.position_margin_m
 
 
 def _take_off_and_landing(
@@ -325,21 +325,21 @@ def _take_off_and_landing(
     return found
 
 
-def _at(site: Site, enu_m: FloatArray, place_m: FloatArray) -> BoolArray:
+def _at(site: Site, enu_m: FloatArray, position_m: FloatArray) -> BoolArray:
     """(n,) which positions are at a place, at any height."""
-    return np.asarray(np.hypot(enu_m[:, 0] - place_m[0], enu_m[:, 1] - place_m[1]) <= _place_radius_m(site))
+    return np.asarray(np.hypot(enu_m[:, 0] - position_m[0], enu_m[:, 1] - position_m[1]) <= _position_radius_m(site))
 
 
 def _phases(site: Site, enu_m: FloatArray, route: BoolArray, planned: PlannedRoute | None, end: TrackEnd) -> Phases:
     nowhere = np.zeros(len(enu_m), dtype=bool)
-    column = nowhere if site.home_m is None else _at(site, enu_m, site.home_m)
+    vertical = nowhere if site.home_m is None else _at(site, enu_m, site.home_m)
     if end.on_ground:
         # Wherever the vehicle lands, the last metres of the flight are a landing.
-        column = column | (np.cumsum(~_at(site, enu_m, end.enu_m)[::-1])[::-1] == 0)
+        vertical = vertical | (np.cumsum(~_at(site, enu_m, end.enu_m)[::-1])[::-1] == 0)
     junction = nowhere
     if planned is not None and len(planned.waypoints_m):
         junction = _at(site, enu_m, planned.waypoints_m[0]) | _at(site, enu_m, planned.waypoints_m[-1])
-    return Phases(route=route, column=column & ~route, junction=junction & ~route & ~column)
+    return Phases(route=route, vertical=vertical & ~route, junction=junction & ~route & ~vertical)
 
 
 def largest(values: FloatArray | None) -> float | None:

@@ -22,7 +22,7 @@ class _Lean:
     sure_deviations: float
     smallest_signal: float
     gust_lean_m_s2: float
-    model_share: float
+    model_fraction: float
     most_late_s: float
     most_apart_s: float
     least_axis_m_s2: float
@@ -33,7 +33,7 @@ class _Lean:
     longest_half_s: float
     window_s: float
     enough_windows: int
-    least_share: float
+    least_fraction: float
     model_error: float
     axes_from_s: float
     quiet_s: float
@@ -113,7 +113,7 @@ class LeanFit:
         slope, error = self.acceleration_of_lean
         # Leaning against gusts makes this slope smaller, and never larger.
         if (
-            self.steady > LEAN.least_share
+            self.steady > LEAN.least_fraction
             and slope + LEAN.sure_deviations * error < LEAST_ACCELERATION_OF_LEAN * self.steady
         ):
             return "the vehicle leans, but does not accelerate accordingly"
@@ -122,7 +122,7 @@ class LeanFit:
         slope, error = self.lean_of_acceleration
         # Noise of the positions makes this slope smaller, and never larger.
         if (
-            self.known > LEAN.least_share
+            self.known > LEAN.least_fraction
             and slope + LEAN.sure_deviations * error < LEAST_LEAN_OF_ACCELERATION * self.known
         ):
             return "the vehicle accelerates, but does not lean accordingly"
@@ -138,7 +138,7 @@ class LeanFit:
     @property
     def loose(self) -> bool:
         """Whether lean and acceleration are surely less related than gusts and noise of the positions leave them."""
-        expected = LEAN.model_share * np.sqrt(max(0.0, self.known) * max(0.0, self.steady))
+        expected = LEAN.model_fraction * np.sqrt(max(0.0, self.known) * max(0.0, self.steady))
         # Fisher's transform: its standard error does not depend on the correlation.
         less = np.arctanh(expected) - np.arctanh(self.correlation)
         return bool(less * np.sqrt(max(0.0, self.count - 3.0)) > LEAN.sure_deviations)

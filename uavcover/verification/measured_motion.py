@@ -194,8 +194,8 @@ def _moving(time_s: FloatArray, enu_m: FloatArray, samples: NDArray[Any]) -> Boo
     """(k,) whether the vehicle moves, over the 2 s around each of some samples."""
     begin = np.searchsorted(time_s, time_s[samples] - 1.0)
     end = np.minimum(np.searchsorted(time_s, time_s[samples] + 1.0), len(time_s) - 1)
-    way = np.linalg.norm(enu_m[end] - enu_m[begin], axis=1)
-    return np.asarray(way > MOVING_M_S * (time_s[end] - time_s[begin]))
+    moved = np.linalg.norm(enu_m[end] - enu_m[begin], axis=1)
+    return np.asarray(moved > MOVING_M_S * (time_s[end] - time_s[begin]))
 
 
 AGREEMENT_WINDOWS_S = (2.0, 5.0, 10.0, 20.0, 40.0)
@@ -371,8 +371,8 @@ def _against_positions(
 ) -> WindowFigures:
     """Mean difference of reported velocity and change of position, in m/s, with the most that errors can make of it."""
     seconds = reported.time_s[last] - reported.time_s[first]
-    way = reported.enu_m[last] - reported.enu_m[first]
-    off = way - (reported.integral_m[last] - reported.integral_m[first])
+    moved = reported.enu_m[last] - reported.enu_m[first]
+    off = moved - (reported.integral_m[last] - reported.integral_m[first])
     turned = reported.velocity_m_s[last] - reported.velocity_m_s[first]
     parts = []
     for axis, columns in ((0, slice(0, 2)), (1, slice(2, 3))):
@@ -381,7 +381,7 @@ def _against_positions(
             VELOCITY.deviations * error.change_m(seconds, axis)
             + VELOCITY_ERROR_M_S[axis] * seconds
             + VELOCITY.skew_s * np.linalg.norm(turned[:, columns], axis=1)
-            + VELOCITY.stamp_s * np.linalg.norm(way[:, columns], axis=1) / seconds
+            + VELOCITY.stamp_s * np.linalg.norm(moved[:, columns], axis=1) / seconds
             + (trapezia_m[last] - trapezia_m[first])
             + 0.5 * acceleration_m_s2 * longest_s**2
             + VELOCITY.rounding_m

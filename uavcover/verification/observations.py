@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from uavcover.errors import TrackError
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
-from uavcover.kernels.coverage import picture_places
+from uavcover.kernels.coverage import photo_positions
 from uavcover.model.track import Track
 from uavcover.model.verdict import MissingPhotos, PhotoSource
 from uavcover.scenario.site import Site
@@ -31,7 +31,7 @@ class TrackPhotos:
 
     source: PhotoSource  # whether the vehicle reported them, or the track predicts them
     before: IntArray  # (k,) the sample at or before each photo
-    share: FloatArray  # (k,) fraction of the way from it to the next sample, 0..1
+    fraction: FloatArray  # (k,) fraction of the way from it to the next sample, 0..1
     expected: int  # number of photos that the plan takes where the track is on its route
     missing: tuple[MissingPhotos, ...] = ()  # stretches without the photos that were expected
     # (n, 3) ENU each: paths on which photos may have been taken at places that are not known
@@ -103,8 +103,8 @@ def photos_of(
         return _Matching(site, track, enu_m, joined, trigger_m).photos(runs)
     parts = [_trigger_points(enu_m, run, trigger_m) for run in runs]
     before = np.concatenate([part[0] for part in parts]) if parts else np.empty(0, dtype=np.int64)
-    share = np.concatenate([part[1] for part in parts]) if parts else np.empty(0)
-    return TrackPhotos("predicted", before, share, len(before))
+    fraction = np.concatenate([part[1] for part in parts]) if parts else np.empty(0)
+    return TrackPhotos("predicted", before, fraction, len(before))
 
 
 def _photos_at_waypoints(
@@ -149,10 +149,10 @@ def _gained(track: Track) -> FloatArray:
 
 def _trigger_points(enu_m: FloatArray, run: NDArray[np.int64], trigger_m: float) -> tuple[IntArray, FloatArray]:
     """Trigger points along a run of samples, the first at its start: the sample before each, and the leg fraction."""
-    legs, shares = picture_places(np.ascontiguousarray(enu_m[run]), trigger_m)
+    legs, fractions = photo_positions(np.ascontiguousarray(enu_m[run]), trigger_m)
     # At the end of a leg it is the next sample: from there on another one may be far away or NaN.
-    ends = shares == 1.0
-    return run[legs + ends], np.where(ends, 0.0, shares)
+    ends = fractions == 1.0
+    return run[legs + ends], np.where(ends, 0.0, fractions)
 
 
 def _reached(site: Site, enu_m: FloatArray, planned: PlannedRoute | None) -> IntArray:
@@ -194,7 +194,7 @@ class _Matching:
         known = np.flatnonzero(np.isfinite(track.pictures_taken))
         # Whether the photos that the first count includes were taken on this flight is not known.
         self._first_count = int(known[0]) if known.size and track.pictures_taken[known[0]] > 1.0 else -1
-        self._places = {int(sample): (int(sample), 0.0) for sample in self._reports}
+        self._positions = {int(sample): (int(sample), 0.0) for sample in self._reports}
         self._filled: list[tuple[int, float]] = []
         self._missing: list[MissingPhotos] = []
         self._perhaps_m: list[FloatArray] = []
@@ -203,13 +203,13 @@ class _Matching:
         """The photos of all runs of the route, and those that were reported elsewhere."""
         for number, run in enumerate(runs):
             self._match(run, is_first=number == 0)
-        places = sorted([*self._places.values(), *self._filled])
+        positions = sorted([*self._positions.values(), *self._filled])
         lacking = sum(stretch.expected for stretch in self._missing)
-        on_route = sum(bool(run[0] <= sample <= run[-1]) for run in runs for sample, _ in places)
+        on_route = sum(bool(run[0] <= sample <= run[-1]) for run in runs for sample, _ in positions)
         return TrackPhotos(
             "reported",
-            np.array([sample for sample, _ in places], dtype=np.int64),
-            np.array([share for _, share in places]),
+            np.array([sample for sample, _ in positions], dtype=np.int64),
+            np.array([fraction for _, fraction in positions]),
             on_route + lacking,
             tuple(self._missing),
             tuple(self._perhaps_m),
@@ -229,32 +229,32 @@ class _Matching:
         run = np.arange(first, last + 1)
         if len(run) < 2:
             return
-        start = self._places.get(first)
-        before, share = _trigger_points(self._enu_m, run, self._trigger_m)
+        start = self._positions.get(first)
+        before, fraction = _trigger_points(self._enu_m, run, self._trigger_m)
         if from_photo:
-            before, share = before[1:], share[1:]
+            before, fraction = before[1:], fraction[1:]
         if gained and start is not None and before.size and int(before[0]) >= last - 2:
             # It was due between two samples, and is known from the next one on.
-            self._places[last] = (int(before[0]), float(share[0]))
-        open_ = self._unmatched(before, share, first, last)
-        before, share = before[open_], share[open_]
+            self._positions[last] = (int(before[0]), float(fraction[0]))
+        open_ = self._unmatched(before, fraction, first, last)
+        before, fraction = before[open_], fraction[open_]
         lost = max(0, gained - 1)
         if before.size == 0:
             return
         if lost >= before.size:
-            self._filled += list(zip(before.tolist(), share.tolist(), strict=True))
+            self._filled += list(zip(before.tolist(), fraction.tolist(), strict=True))
             return
         self._missing.append(_stretch(self._site, self._track, self._enu_m, first, last, expected=before.size - lost))
         if lost or not gained or last == self._first_count:
             # Which of them were taken, or whether messages of the last ones were lost, is not known.
             self._perhaps_m.append(self._enu_m[first : last + 1])
 
-    def _unmatched(self, before: IntArray, share: FloatArray, first: int, last: int) -> BoolArray:
+    def _unmatched(self, before: IntArray, fraction: FloatArray, first: int, last: int) -> BoolArray:
         """Trigger points without a reported photo near them: neither the two between which they lie nor the next ones."""
         if before.size == 0:
             return np.zeros(0, dtype=bool)
         after = np.minimum(before + 1, len(self._enu_m) - 1)
-        points = self._enu_m[before] + share[:, None] * (self._enu_m[after] - self._enu_m[before])
+        points = self._enu_m[before] + fraction[:, None] * (self._enu_m[after] - self._enu_m[before])
         number = int(np.searchsorted(self._reports, first, side="right"))
         behind = int(np.searchsorted(self._reports, last, side="left"))
         near = self._reports[max(0, number - 1) : behind + 1]
@@ -275,7 +275,7 @@ _SHALLOWEST = 0.3
 class Observations:
     """Observations of a sensor in order of time."""
 
-    places_m: FloatArray  # (k, 3) ENU positions
+    positions_m: FloatArray  # (k, 3) ENU positions
     axes: FloatArray  # (k, 3) ENU unit vectors along the camera's viewing direction
     tops: FloatArray  # (k, 3) unit vectors perpendicular to them, towards the top of the photo
     times_s: FloatArray  # (k,) times
@@ -288,7 +288,7 @@ class Observations:
     def where(self, chosen: BoolArray | IntArray) -> "Observations":
         """The selected observations."""
         return Observations(
-            self.places_m[chosen], self.axes[chosen], self.tops[chosen], self.times_s[chosen], self.known[chosen]
+            self.positions_m[chosen], self.axes[chosen], self.tops[chosen], self.times_s[chosen], self.known[chosen]
         )
 
 
@@ -316,11 +316,11 @@ def observations_of(
     yaw_deg = np.unwrap(track.attitude_deg[:, 2], period=360.0)
     yaw_deg = np.where(np.isfinite(yaw_deg), yaw_deg, track.attitude_deg[:, 2])
 
-    def looks(before: IntArray, share: FloatArray) -> Observations:
+    def looks(before: IntArray, fraction: FloatArray) -> Observations:
         after = np.minimum(before + 1, len(track) - 1)
 
         def read(values: FloatArray) -> FloatArray:
-            t = share if values.ndim == 1 else share[:, None]
+            t = fraction if values.ndim == 1 else fraction[:, None]
             # an observation at a sample ignores the next sample, which may be far away or NaN.
             return np.asarray(np.where(t == 0.0, values[before], values[before] + t * (values[after] - values[before])))
 
@@ -330,13 +330,13 @@ def observations_of(
         return Observations(np.ascontiguousarray(read(enu_m)), turn.axes, turn.tops, read(track.time_s), turn.known)
 
     if photos is not None:
-        return looks(photos.before, photos.share)
+        return looks(photos.before, photos.fraction)
     turns_deg = _turns_deg(track) if turns_with_legs(sensor.sight) else None
     parts: list[tuple[IntArray, FloatArray]] = [(np.empty(0, dtype=np.int64), np.empty(0))]
     for run in observed_stretches(route, joined):
-        before, share = _between(run, enu_m, sample_spacing_m(site.scenario), turns_deg)
+        before, fraction = _between(run, enu_m, sample_spacing_m(site.scenario), turns_deg)
         for block in range(0, len(before), _BLOCK):
-            here, there = before[block : block + _BLOCK], share[block : block + _BLOCK]
+            here, there = before[block : block + _BLOCK], fraction[block : block + _BLOCK]
             kept = informative(site, looks(here, there))
             parts.append((here[kept], there[kept]))
     return looks(np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts]))
@@ -355,22 +355,22 @@ def informative(site: Site, looks: Observations) -> IntArray:
     piece_m = min(spacing_m, math.sqrt(8.0 * spacing_m * TRACK.same_view_m))
     tenths = np.flatnonzero(np.diff(np.floor(looks.times_s / _STEP_S), prepend=-np.inf))
     # Along samples a tenth of a second apart: noise of each would make the path longer.
-    way_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(looks.places_m[tenths], axis=0), axis=1))])
-    at = np.interp(looks.times_s, looks.times_s[tenths], way_m)
+    along_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(looks.positions_m[tenths], axis=0), axis=1))])
+    at = np.interp(looks.times_s, looks.times_s[tenths], along_m)
     keys = [at // piece_m, looks.times_s // (0.5 * site.scenario.requirements.max_gap_s), looks.known]
     if turns_with_legs(site.scenario.sensor.sight):
-        nose = np.unwrap(np.arctan2(looks.tops[:, 0] + looks.axes[:, 0], looks.tops[:, 1] + looks.axes[:, 1]))
-        keys.append(nose // math.radians(TRACK.largest_turn_deg))
+        yaw = np.unwrap(np.arctan2(looks.tops[:, 0] + looks.axes[:, 0], looks.tops[:, 1] + looks.axes[:, 1]))
+        keys.append(yaw // math.radians(TRACK.largest_turn_deg))
     new = np.any([np.diff(key, prepend=np.nan) != 0.0 for key in map(np.asarray, keys)], axis=0)
     first = np.flatnonzero(new)
     piece = np.cumsum(new) - 1
     following = np.append(first[1:], len(looks) - 1)
-    ahead = (looks.places_m[following] - looks.places_m[first])[:, :2]
+    ahead = (looks.positions_m[following] - looks.positions_m[first])[:, :2]
     length = np.linalg.norm(ahead, axis=1, keepdims=True)
     ahead = np.where(length > _STILL_M, ahead / np.maximum(length, _STILL_M), [0.0, 1.0])
-    up_m = looks.places_m[:, 2]
+    up_m = looks.positions_m[:, 2]
     under_m = np.nan_to_num(
-        np.clip(site.ground.heights_agl_m(looks.places_m[first]), 0.0, site.scenario.sensor.reach_m)
+        np.clip(site.ground.heights_agl_m(looks.positions_m[first]), 0.0, site.scenario.sensor.reach_m)
     )
     kept = new.copy()
     kept[-1] = True
@@ -387,7 +387,7 @@ def informative(site: Site, looks: Observations) -> IntArray:
 def _edge_m(site: Site, looks: Observations, side: FloatArray, depth_m: FloatArray) -> FloatArray:
     """(k,) how far the edges of the views lie to a side, (k, 2) level unit vectors, on ground ``depth_m`` (k,) under the eyes."""
     axes, tops, edges = looks.axes, looks.tops, site.scenario.sensor.edges
-    own = np.einsum("ij,ij->i", looks.places_m[:, :2], side)
+    own = np.einsum("ij,ij->i", looks.positions_m[:, :2], side)
     if not len(edges):
         return np.asarray(own)
     rights = np.cross(axes, tops)[:, :2]
@@ -401,15 +401,17 @@ def _edge_m(site: Site, looks: Observations, side: FloatArray, depth_m: FloatArr
 def level_observations(site: Site, path_m: FloatArray, time_s: float) -> Observations:
     """Possible observations along a path without samples, as if it had been flown level; photos may be anywhere on it."""
     sensor = site.scenario.sensor
-    share = _between(np.arange(len(path_m)), path_m, sample_spacing_m(site.scenario))
-    before, part = share
+    fraction = _between(np.arange(len(path_m)), path_m, sample_spacing_m(site.scenario))
+    before, part = fraction
     after = np.minimum(before + 1, len(path_m) - 1)
-    places = path_m[before] + part[:, None] * (path_m[after] - path_m[before])
+    positions = path_m[before] + part[:, None] * (path_m[after] - path_m[before])
     course = path_m[after] - path_m[np.where(after > before, before, np.maximum(before - 1, 0))]
-    unknown = np.full((len(places), 3), np.nan)
+    unknown = np.full((len(positions), 3), np.nan)
     turn = sensor.camera_turn(unknown, np.degrees(np.arctan2(course[:, 0], course[:, 1])))
-    times = np.full(len(places), time_s)
-    return Observations(np.ascontiguousarray(places), turn.axes, turn.tops, times, np.zeros(len(places), dtype=bool))
+    times = np.full(len(positions), time_s)
+    return Observations(
+        np.ascontiguousarray(positions), turn.axes, turn.tops, times, np.zeros(len(positions), dtype=bool)
+    )
 
 
 def _turns_deg(track: Track) -> FloatArray:

@@ -42,7 +42,7 @@ GRAVITY_M_S2 = 9.80665
 
 MAX_JUMP_M = 5.0
 """After a position jump of at most this, as when a receiver regains its fix, later samples remain evidence."""
-SAME_PLACE_S = 1.0
+SAME_POSITION_S = 1.0
 """Impossible moves closer to each other than this are merged."""
 
 MAX_CONTRADICTED = 0.1
@@ -248,7 +248,7 @@ def _mark_speeds(
 ) -> None:
     # a second difference contains up to four times the position error, a distance twice.
     level_m, vertical_m = (0.5 * each_m for each_m in allowance_m)
-    ways: tuple[tuple[MoveKind, float], ...] = (
+    limits_of: tuple[tuple[MoveKind, float], ...] = (
         ("speed", limits.speed_m_s), ("climb", limits.climb_m_s), ("climb", limits.descent_m_s)
     )  # fmt: skip
     bad = found.broken_before()
@@ -258,13 +258,13 @@ def _mark_speeds(
         last = np.searchsorted(time_s, time_s[first] + window_s - ROUNDING_S)
         inside = last < len(time_s)
         first, last = first[inside], last[inside]
-        way, unbroken = enu_m[last] - enu_m[first], bad[last] == bad[first]
-        metres = (np.hypot(way[:, 0], way[:, 1]) - level_m, way[:, 2] - vertical_m, -way[:, 2] - vertical_m)
-        for part, each_m, (_, limit) in zip(parts, metres, ways, strict=True):
+        moved, unbroken = enu_m[last] - enu_m[first], bad[last] == bad[first]
+        metres = (np.hypot(moved[:, 0], moved[:, 1]) - level_m, moved[:, 2] - vertical_m, -moved[:, 2] - vertical_m)
+        for part, each_m, (_, limit) in zip(parts, metres, limits_of, strict=True):
             speeds = each_m / (time_s[last] - time_s[first])
             k = np.flatnonzero(unbroken & (speeds > limit))
             part.append((first[k], last[k], speeds[k]))
-    for part, (kind, limit) in zip(parts, ways, strict=True):
+    for part, (kind, limit) in zip(parts, limits_of, strict=True):
         first, last, values = (np.concatenate(each) for each in zip(*part, strict=True))
         found.mark(first, last, values, limit, kind)
 
@@ -309,10 +309,10 @@ def _reachable(
     def needed_m_s(a: int, b: int) -> float:
         """Required ground speed, scaled up where the vertical speed exceeds its limit by more."""
         seconds = time_s[b] - time_s[a]
-        way = enu_m[b] - enu_m[a]
-        level = max(0.0, float(np.hypot(way[0], way[1])) - MAX_JUMP_M) / seconds
-        up = max(0.0, abs(float(way[2])) - MAX_JUMP_M) / seconds
-        vertical = up / (limits.climb_m_s if way[2] > 0.0 else limits.descent_m_s) * limits.speed_m_s
+        moved = enu_m[b] - enu_m[a]
+        level = max(0.0, float(np.hypot(moved[0], moved[1])) - MAX_JUMP_M) / seconds
+        up = max(0.0, abs(float(moved[2])) - MAX_JUMP_M) / seconds
+        vertical = up / (limits.climb_m_s if moved[2] > 0.0 else limits.descent_m_s) * limits.speed_m_s
         return float(max(level, vertical))
 
     for order in (range(longest + 1, len(starts)), range(longest - 1, -1, -1)):
@@ -362,7 +362,7 @@ def _moves(
     legs = np.flatnonzero(found.marked)
     moves: list[ImpossibleMove] = []
     if legs.size:
-        apart = time_s[legs[1:]] - time_s[legs[:-1] + 1] > SAME_PLACE_S
+        apart = time_s[legs[1:]] - time_s[legs[:-1] + 1] > SAME_POSITION_S
         for run in np.split(legs, np.flatnonzero(apart) + 1):
             first, last = int(run[0]), int(run[-1]) + 1
             moves.append(ImpossibleMove(first, last, *found.worst(first, last)))

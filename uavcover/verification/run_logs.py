@@ -11,7 +11,7 @@ import numpy as np
 from mission_io.data_tables import read_document
 from uavcover.errors import InputError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.limits import flown_window, window_in_words
+from uavcover.model.limits import flown_window, window_text
 from uavcover.model.track import ReadTrack, Track
 from uavcover.run import provenance
 from uavcover.run.documents import TRACK, plans_of, read_plan_document
@@ -112,12 +112,12 @@ def dated(track: Track, bounds: DateBounds) -> tuple[Track, tuple[str, ...]]:
     wrong = [*_date_problems(track, bounds)]
     if not wrong:
         return track, ()
-    text = f"the track's date, {window_in_words(window)}, is implausible: {'; '.join(wrong)}"
+    text = f"the track's date, {window_text(window)}, is implausible: {'; '.join(wrong)}"
     later = replace(track, unix_time_s=track.unix_time_s + ROLLOVER_S)
     window = flown_window(later.unix_time_s)
     if window is not None and not any(_date_problems(later, bounds)):
         text += (
-            f"; a date 1,024 weeks later is plausible ({window_in_words(window)}), because the receiver's week "
+            f"; a date 1,024 weeks later is plausible ({window_text(window)}), because the receiver's week "
             "number rolled over"
         )
     text += ". No-fly zones with times are judged as if the time were unknown"
@@ -276,13 +276,13 @@ _NEAR_M = 10.0
 
 def _followed_by(track: Track, run: RunFolder) -> RunFolder:
     """The folder of the plan that a track followed; of equals the one with the most waypoints."""
-    places_m = track.enu_m[:: 1 + len(track) // 5000]
+    positions_m = track.enu_m[:: 1 + len(track) // 5000]
 
     def follows(folder: RunFolder) -> tuple[float, int]:
         planned = read_planned_route(folder)
         if planned is None:
             return 0.0, 0
-        nearest_m = [float(np.linalg.norm(places_m - waypoint, axis=1).min()) for waypoint in planned.waypoints_m]
+        nearest_m = [float(np.linalg.norm(positions_m - waypoint, axis=1).min()) for waypoint in planned.waypoints_m]
         return sum(distance <= _NEAR_M for distance in nearest_m) / len(nearest_m), len(nearest_m)
 
     plans = plans_of(run)

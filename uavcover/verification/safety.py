@@ -78,12 +78,12 @@ def commanded_pace_doubt(
     if first.size == 0:
         return None
     seconds = time[last] - time[first]
-    way = enu_m[last] - enu_m[first]
-    level, vertical = np.hypot(way[:, 0], way[:, 1]) / seconds, way[:, 2] / seconds
-    under_way = level > SAFETY.under_way * vehicle.cruise_speed_m_s
+    moved = enu_m[last] - enu_m[first]
+    level, vertical = np.hypot(moved[:, 0], moved[:, 1]) / seconds, moved[:, 2] / seconds
+    moving = level > SAFETY.moving * vehicle.cruise_speed_m_s
     cruise = vehicle.cruise_speed_m_s
     tell = "; its clock or positions are scaled, or the flight differs from the plan"
-    fast = float(np.percentile(level[under_way], 95.0)) if under_way.any() else 0.0
+    fast = float(np.percentile(level[moving], 95.0)) if moving.any() else 0.0
     for what, sustained, wanted, most in (
         ("flies", fast, cruise, 1.25 * cruise + 2.0),
         ("climbs", float(vertical.max()), vehicle.max_climb_m_s, 1.25 * vehicle.max_climb_m_s + 1.0),
@@ -94,10 +94,10 @@ def commanded_pace_doubt(
     if planned is None or len(planned.waypoints_m) < 2:
         return None
     legs = np.diff(planned.waypoints_m, axis=0)
-    ways = np.hypot(legs[:, 0], legs[:, 1])
+    lengths_m = np.hypot(legs[:, 0], legs[:, 1])
     steep = np.maximum(legs[:, 2] / vehicle.max_climb_m_s, -legs[:, 2] / vehicle.max_descent_m_s)
-    pace = ways / np.maximum(np.maximum(ways / cruise, steep), 1e-9)
-    long_enough = ways >= 2.0 * SAFETY.sustained_s * cruise
+    pace = lengths_m / np.maximum(np.maximum(lengths_m / cruise, steep), 1e-9)
+    long_enough = lengths_m >= 2.0 * SAFETY.sustained_s * cruise
     if passed is not None:
         long_enough &= passed[:-1] & passed[1:]
     if not long_enough.any():
@@ -117,7 +117,7 @@ class Phases:
     """The phase of each sample; every sample belongs to exactly one."""
 
     route: BoolArray  # (n,) between the first and the last planned waypoint
-    column: BoolArray  # (n,) take-off and landing, where clearance cannot be required
+    vertical: BoolArray  # (n,) take-off and landing, where clearance cannot be required
     # (n,) part of the transit directly above or below an end of the planned route; there the band of the route applies
     # where it is lower than the transit clearance
     junction: BoolArray
@@ -125,7 +125,7 @@ class Phases:
     @property
     def transit(self) -> BoolArray:
         """(n,) both transits, junctions included."""
-        return ~self.route & ~self.column
+        return ~self.route & ~self.vertical
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,7 +153,7 @@ def track_heights(site: Site, enu_m: FloatArray, joined: BoolArray, phases: Phas
     number = np.arange(len(enu_m), dtype=float)
     lowest, highest, lowest_at, highest_at = here.copy(), here.copy(), number.copy(), number.copy()
     ranges = site.ground.leg_height_ranges_m(enu_m)
-    laxity = np.where(phases.column, 2, np.where(phases.route, 0, 1))
+    laxity = np.where(phases.vertical, 2, np.where(phases.route, 0, 1))
     of_leg = np.maximum(laxity[:-1], laxity[1:])
     for side in (slice(None, -1), slice(1, None)):
         counts = joined & (laxity[side] == of_leg)
@@ -216,10 +216,10 @@ class ViolationFinder:
         track = self._track
         at = float(figures.at[worst])
         before = min(int(at), len(track) - 1)
-        after, share = min(before + 1, len(track) - 1), at - before
+        after, fraction = min(before + 1, len(track) - 1), at - before
 
         def read(values: FloatArray) -> FloatArray:
-            return np.asarray(values[before] + share * (values[after] - values[before]))
+            return np.asarray(values[before] + fraction * (values[after] - values[before]))
 
         lat_deg, lon_deg, _ = read(track.geodetic)
         east_m, north_m, _ = read(self._enu_m)
@@ -305,7 +305,7 @@ def _zone_entries(
     zones = (*site.zones, *site.other_zones)
     check = replace(site.flown_zones, zones=zones)
     found: list[tuple[ZoneBreach, tuple[int, ...]]]
-    found = [(breach, (breach.leg,)) for breach in check.place_breaches(enu_m)]
+    found = [(breach, (breach.leg,)) for breach in check.position_breaches(enu_m)]
     if len(enu_m) > 1:
         found += [(breach, (breach.leg, breach.leg + 1)) for breach in check.leg_breaches(enu_m, joined)]
     for breach, samples in found:

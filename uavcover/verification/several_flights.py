@@ -30,7 +30,7 @@ class _SameFlight:
     percentile: float
     enough_fraction: float
     least_s: float
-    least_share: float
+    least_fraction: float
     step_s: float
     moves_m_s: float
     probes: int
@@ -85,7 +85,8 @@ def same_flight(one: Track, one_m: FloatArray, other: Track, other_m: FloatArray
     first, second = _Moving.of(one.time_s, one_m), _Moving.of(other.time_s, other_m)
     shifts_s += [(shift_s, near_m) for shift_s in [0.0, *_likely_shifts_s(first, second, near_m)]]
     least_s = max(
-        SAME_FLIGHT.least_s, SAME_FLIGHT.least_share * SAME_FLIGHT.step_s * min(len(first.times_s), len(second.times_s))
+        SAME_FLIGHT.least_s,
+        SAME_FLIGHT.least_fraction * SAME_FLIGHT.step_s * min(len(first.times_s), len(second.times_s)),
     )
     for shift_s, within_m in shifts_s:
         times_s = second.times_s + shift_s
@@ -93,7 +94,7 @@ def same_flight(one: Track, one_m: FloatArray, other: Track, other_m: FloatArray
         duration_s = SAME_FLIGHT.step_s * float(both.sum())
         if duration_s < least_s:
             continue
-        off_m = _at(one.time_s, one_m, times_s[both]) - second.places_m[both]
+        off_m = _at(one.time_s, one_m, times_s[both]) - second.positions_m[both]
         apart_m = np.linalg.norm(off_m, axis=1)
         if (apart_m <= within_m).mean() >= SAME_FLIGHT.enough_fraction:
             aside_m, above_m = np.hypot(off_m[:, 0], off_m[:, 1]), np.abs(off_m[:, 2])
@@ -171,7 +172,7 @@ def records_of_one_flight(judged: Sequence[JudgedTrack]) -> list[Records]:
     return records
 
 
-def at_two_places(judged: Sequence[JudgedTrack], records: Sequence[Records]) -> list[str]:
+def at_two_positions(judged: Sequence[JudgedTrack], records: Sequence[Records]) -> list[str]:
     """Overlapping tracks of one vehicle that are different flights, one line each."""
     same = {(record.first, record.second) for record in records}
     found = []
@@ -186,13 +187,13 @@ def at_two_places(judged: Sequence[JudgedTrack], records: Sequence[Records]) -> 
     return found
 
 
-def has_near(times_s: FloatArray, asked_s: FloatArray) -> NDArray[np.bool_]:
+def has_near(times_s: FloatArray, requested_s: FloatArray) -> NDArray[np.bool_]:
     """(k,) whether each of (k,) times has one of (n,) increasing times near it."""
     if times_s.size == 0:
-        return np.zeros(asked_s.shape, dtype=bool)
-    after = np.searchsorted(times_s, asked_s)
+        return np.zeros(requested_s.shape, dtype=bool)
+    after = np.searchsorted(times_s, requested_s)
     before_s, after_s = times_s[np.maximum(after - 1, 0)], times_s[np.minimum(after, times_s.size - 1)]
-    return np.asarray(np.minimum(np.abs(asked_s - before_s), np.abs(after_s - asked_s)) <= SAME_FLIGHT.near_s)
+    return np.asarray(np.minimum(np.abs(requested_s - before_s), np.abs(after_s - requested_s)) <= SAME_FLIGHT.near_s)
 
 
 def _observed_at(time_s: FloatArray, times_s: FloatArray) -> NDArray[np.bool_]:
@@ -207,17 +208,17 @@ class _Moving:
     """Positions of a track at regular times while it moves."""
 
     times_s: FloatArray
-    places_m: FloatArray
+    positions_m: FloatArray
     velocities_m_s: FloatArray
 
     @classmethod
     def of(cls, time_s: FloatArray, enu_m: FloatArray) -> "_Moving":
         times_s = np.arange(time_s[0], time_s[-1], SAME_FLIGHT.step_s)
         times_s = times_s[_observed_at(time_s, times_s) & _observed_at(time_s, times_s + SAME_FLIGHT.step_s)]
-        places_m = _at(time_s, enu_m, times_s)
-        velocities_m_s = (_at(time_s, enu_m, times_s + SAME_FLIGHT.step_s) - places_m) / SAME_FLIGHT.step_s
+        positions_m = _at(time_s, enu_m, times_s)
+        velocities_m_s = (_at(time_s, enu_m, times_s + SAME_FLIGHT.step_s) - positions_m) / SAME_FLIGHT.step_s
         moves = np.hypot(velocities_m_s[:, 0], velocities_m_s[:, 1]) > SAME_FLIGHT.moves_m_s
-        return cls(times_s[moves], places_m[moves], velocities_m_s[moves])
+        return cls(times_s[moves], positions_m[moves], velocities_m_s[moves])
 
 
 def _at(time_s: FloatArray, enu_m: FloatArray, times_s: FloatArray) -> FloatArray:
@@ -230,7 +231,7 @@ def _likely_shifts_s(one: _Moving, other: _Moving, near_m: float) -> list[float]
         return []
     found: list[FloatArray] = []
     for probe in np.unique(np.linspace(0, len(other.times_s) - 1, SAME_FLIGHT.probes).astype(int)):
-        off_m = other.places_m[probe] - one.places_m
+        off_m = other.positions_m[probe] - one.positions_m
         # Nearest approach within each half second of the first track.
         speed2 = (one.velocities_m_s**2).sum(axis=1)
         along_s = np.clip((off_m * one.velocities_m_s).sum(axis=1) / speed2, 0.0, SAME_FLIGHT.step_s)
@@ -253,7 +254,7 @@ class Separation:
     findings: tuple[Finding, ...]  # why the flight failed, or is not proved
 
 
-NOT_ASKED = Separation((), (), ())
+NOT_REQUIRED = Separation((), (), ())
 
 
 def judge_separation(
@@ -267,7 +268,7 @@ def judge_separation(
         same_flight: pairs of tracks, by number, that record one flight.
     """
     if site.scenario.fleet.vehicles == 1 or len(tracks) < 2:
-        return NOT_ASKED
+        return NOT_REQUIRED
     shared = [shared_times(track) for track in tracks]
     without = [number + 1 for number, times in enumerate(shared) if times is None]
     doubts = []
@@ -321,14 +322,14 @@ def _judge_pair(
     pieces = aloft[:-1] | aloft[1:]
     if not pieces.any():
         return None
-    a, b = _places(track, times, moments), _places(second, second_times, moments)
+    a, b = _positions(track, times, moments), _positions(second, second_times, moments)
     nearest_m, nearest_utc_s = _nearest(a, b, moments)
     least = np.where(pieces, nearest_m, np.inf)
     limits = motion_limits(site.scenario.vehicle, site.scenario.wind)
     slack = _unknown_m(track, times, moments, limits) + _unknown_m(second, second_times, moments, limits)
     possible = least
     for shift_s in np.linspace(-error_s, error_s, SAFETY.shifts):
-        possible = np.minimum(possible, _nearest(a, _places(second, second_times, moments + shift_s), moments)[0])
+        possible = np.minimum(possible, _nearest(a, _positions(second, second_times, moments + shift_s), moments)[0])
     # Between two shifts that are tried the other vehicle moves on by half their distance at most.
     between_m = limits.speed_m_s * (error_s / pace) / (SAFETY.shifts - 1) if fleet.clock_error_s > 0.0 else 0.0
     possible = np.where(pieces, possible - slack, np.inf) - between_m - 2.0 * site.scenario.uncertainty.position_m
@@ -346,7 +347,7 @@ def _judge_pair(
     return pair, _stretches(site, track, times, moments, (least, nearest_utc_s))
 
 
-def _places(track: Track, times: SharedTimes, moments: FloatArray) -> FloatArray:
+def _positions(track: Track, times: SharedTimes, moments: FloatArray) -> FloatArray:
     """(n, 3) ENU, where a vehicle was at (n,) moments."""
     return np.column_stack([np.interp(moments, times.taken_utc_s, axis) for axis in track.enu_m.T])
 
@@ -354,8 +355,8 @@ def _places(track: Track, times: SharedTimes, moments: FloatArray) -> FloatArray
 def _stands(track: Track, times: SharedTimes, moments: FloatArray) -> BoolArray:
     """(n,) whether a vehicle is on the ground at (n,) moments, before take-off or after landing."""
 
-    def near(place_m: FloatArray) -> BoolArray:
-        off = track.enu_m - place_m
+    def near(position_m: FloatArray) -> BoolArray:
+        off = track.enu_m - position_m
         return np.asarray((np.hypot(off[:, 0], off[:, 1]) <= SAFETY.ground_m) & (np.abs(off[:, 2]) <= SAFETY.ground_m))
 
     before, after = near(track.enu_m[0]), near(track.enu_m[-1])
@@ -370,8 +371,8 @@ def _nearest(a: FloatArray, b: FloatArray, moments: FloatArray) -> tuple[FloatAr
     """(n - 1,) least distances between two bodies that move evenly between (n, 3) positions, and their moments."""
     begin, change = (a - b)[:-1], np.diff(a - b, axis=0)
     squared = np.einsum("ij,ij->i", change, change)
-    share = np.clip(-np.einsum("ij,ij->i", begin, change) / np.where(squared > 0.0, squared, np.inf), 0.0, 1.0)
-    return np.linalg.norm(begin + share[:, None] * change, axis=1), moments[:-1] + share * np.diff(moments)
+    fraction = np.clip(-np.einsum("ij,ij->i", begin, change) / np.where(squared > 0.0, squared, np.inf), 0.0, 1.0)
+    return np.linalg.norm(begin + fraction[:, None] * change, axis=1), moments[:-1] + fraction * np.diff(moments)
 
 
 def _unknown_m(track: Track, times: SharedTimes, moments: FloatArray, limits: MotionLimits) -> FloatArray:
@@ -399,8 +400,8 @@ def _stretches(
             float(np.interp(utc_s, times.taken_utc_s, track.time_s))
             for utc_s in (moments[first], moments[last], nearest_utc_s[k])
         )
-        place = _places(track, times, nearest_utc_s[k : k + 1])[0]
-        lat, lon = (np.zeros(1), np.zeros(1)) if site.frame is None else site.frame.geodetic_from_enu(place)[:2]
+        position = _positions(track, times, nearest_utc_s[k : k + 1])[0]
+        lat, lon = (np.zeros(1), np.zeros(1)) if site.frame is None else site.frame.geodetic_from_enu(position)[:2]
         found.append(
             Violation(
                 kind="separation",
@@ -413,8 +414,8 @@ def _stretches(
                 unit="m",
                 lat_deg=float(lat[0]),
                 lon_deg=float(lon[0]),
-                east_m=float(place[0]),
-                north_m=float(place[1]),
+                east_m=float(position[0]),
+                north_m=float(position[1]),
                 phase="route",
                 worst_utc_s=float(nearest_utc_s[k]),
             )

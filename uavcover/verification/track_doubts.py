@@ -18,7 +18,7 @@ from uavcover.model.scenario import Scenario
 from uavcover.model.track import Track
 from uavcover.scenario.site import Site
 from uavcover.verification.attitude import KnownAttitude
-from uavcover.verification.flown_route import TRACK, place_of
+from uavcover.verification.flown_route import TRACK, position_of
 from uavcover.verification.measured_motion import COARSE_STEP_S, VELOCITY, Windows
 from uavcover.verification.possible_motion import (
     ACCELERATION_WINDOWS_S,
@@ -38,7 +38,7 @@ class _Ends:
     near_terrain_m: float
     same_height_m: float
     drift_m: float
-    same_place_m: float
+    same_position_m: float
 
 
 ENDS = data_table(_Ends, "uavcover/data/verification.toml", "ends")
@@ -95,17 +95,17 @@ def track_ends(
         _still(enu_m, 0, int(np.searchsorted(time_s, time_s[0] + ENDS.still_s)), time_s, noise_m),
         _still(enu_m, int(np.searchsorted(time_s, time_s[-1] - ENDS.still_s, side="right")) - 1, last, time_s, noise_m),
     )
-    same_place = float(np.hypot(*(enu_m[0, :2] - enu_m[-1, :2]))) <= ENDS.same_place_m
+    same_position = float(np.hypot(*(enu_m[0, :2] - enu_m[-1, :2]))) <= ENDS.same_position_m
     ends = []
     for number, (sample, other) in enumerate(((0, last), (last, 0))):
         height = float(heights_agl_m[sample])
         as_low = abs(height) <= ENDS.near_terrain_m
         as_other = (
-            same_place and rests[1 - number] and abs(float(enu_m[sample, 2] - enu_m[other, 2])) <= ENDS.same_height_m
+            same_position and rests[1 - number] and abs(float(enu_m[sample, 2] - enu_m[other, 2])) <= ENDS.same_height_m
         )
         above_other_m = float(enu_m[sample, 2] - enu_m[other, 2])
         in_the_air = (
-            same_place and abs(float(heights_agl_m[other])) <= ENDS.near_terrain_m and above_other_m > ENDS.drift_m
+            same_position and abs(float(heights_agl_m[other])) <= ENDS.near_terrain_m and above_other_m > ENDS.drift_m
         )
         on_ground = abs(height) <= tolerance_m and (rests[number] or as_low or as_other) and not in_the_air
         which: Literal["begins", "ends"] = "begins" if number == 0 else "ends"
@@ -116,8 +116,8 @@ def track_ends(
 def _still(enu_m: FloatArray, first: int, last: int, time_s: FloatArray, noise_m: tuple[float, float]) -> bool:
     first, last = max(first, 0), min(last, len(enu_m) - 1)
     seconds = float(time_s[last] - time_s[first])
-    way = enu_m[last] - enu_m[first]
-    level, vertical = float(np.hypot(way[0], way[1])), abs(float(way[2]))
+    moved = enu_m[last] - enu_m[first]
+    level, vertical = float(np.hypot(moved[0], moved[1])), abs(float(moved[2]))
     return (
         level <= ENDS.still_level_m_s * seconds + ENDS.noise_medians * noise_m[0]
         and vertical <= ENDS.still_vertical_m_s * seconds + ENDS.noise_medians * noise_m[1]
@@ -172,7 +172,7 @@ def motion_doubts(
     doubts = []
 
     def at(move: ImpossibleMove) -> str:
-        return f"at {track.time_s[move.first]:.1f} s, {place_of(site, enu_m[move.first])}"
+        return f"at {track.time_s[move.first]:.1f} s, {position_of(site, enu_m[move.first])}"
 
     steps = [move for move in motion.moves if move.step_m_s > 0.0]
     if steps:
@@ -184,7 +184,7 @@ def motion_doubts(
     if (move := motion.contradiction) is not None:
         doubts.append(
             f"reported velocity and positions contradict each other for {motion.contradicted_fraction:.0%} of the "
-            f"time, from {track.time_s[move.first]:.1f} s, {place_of(site, enu_m[move.first])}: {move}; one of the "
+            f"time, from {track.time_s[move.first]:.1f} s, {position_of(site, enu_m[move.first])}: {move}; one of the "
             "two was not measured"
         )
     if motion.lag is not None:
@@ -222,11 +222,11 @@ def _is_jump(
         return True  # judged by its place, or by what the vehicle reported: those samples are no evidence
     begin = int(np.searchsorted(time_s, time_s[move.first] - TRACK.around_s))
     end = int(np.searchsorted(time_s, time_s[move.last] + TRACK.around_s, side="right"))
-    times, places = time_s[begin:end], enu_m[begin:end]
+    times, positions = time_s[begin:end], enu_m[begin:end]
     allowed = (shortest.allowance_m(0), shortest.allowance_m(1))
     return any(
         _is_possible(times, without, limits, allowed)
-        for without in _without_a_jump(times, places, move.first - begin, move.last - begin)
+        for without in _without_a_jump(times, positions, move.first - begin, move.last - begin)
     )
 
 

@@ -10,21 +10,21 @@ from mission_io.model.plain_text import counted
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.area import svg_map
-from uavcover.model.limits import Window, flown_window, window_in_words
+from uavcover.model.limits import Window, flown_window, window_text
 from uavcover.model.track import Track
-from uavcover.model.verdict import Judgement, PhotoSource, PictureStatistics, VerificationReport, noted, unproved
+from uavcover.model.verdict import Judgement, PhotoSource, PhotoStatistics, VerificationReport, noted, unproved
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.pictures import (
+from uavcover.sensing.photos import (
     OVERLAP_FRACTION,
-    PictureCounts,
-    count_pictures,
+    PhotoCounts,
+    count_photos,
     drawn_cells,
     look_distance_m,
     looks_of,
     overlap_shortfall,
-    picture_statistics,
-    takes_pictures,
+    photo_statistics,
+    takes_photos,
 )
 from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.decision import decide, judged_requirements
@@ -32,13 +32,13 @@ from uavcover.verification.flown_coverage import (
     NOTHING_KNOWN,
     CountObservations,
     FlownCoverage,
-    PictureEvidence,
+    PhotoEvidence,
     cell_statistics,
     count_observations,
     coverage_by_time,
     joined_observations,
     joining_shifts_s,
-    seen_by_any,
+    observed_by_any,
 )
 from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.gaps import GapRegion, find_gaps
@@ -47,7 +47,7 @@ from uavcover.verification.observations import Observations, reports_photos
 from uavcover.verification.run_logs import UNKNOWN_DATES, DateBounds, clocks_apart, dated
 from uavcover.verification.several_flights import (
     Records,
-    at_two_places,
+    at_two_positions,
     has_near,
     judge_separation,
     records_of_one_flight,
@@ -74,7 +74,7 @@ class Verdict:
         report: decision and figures.
         flown: coverage by cell.
         gaps: the coverage gaps and their cells.
-        pictures: how many photos show each cell; None for a sensor that takes no single photos.
+        photos: how many photos show each cell; None for a sensor that takes no single photos.
         observations: all observations of the flight, in order of time, each once.
         shifts_s: seconds added to the vehicle times of each track to put all on one clock, which ``flown`` and the report's
             ``coverage_by_time`` use.
@@ -84,7 +84,7 @@ class Verdict:
     report: VerificationReport
     flown: FlownCoverage
     gaps: tuple[GapRegion, ...]
-    pictures: PictureCounts | None
+    photos: PhotoCounts | None
     observations: Observations
     shifts_s: tuple[float, ...]
 
@@ -128,7 +128,7 @@ def verify_flight(
     tracks: Sequence[FlownTrack],  # at least one, the first with the plan whose coverage was promised
     *,
     # of real photos; where they tell no coverage, it follows from the tracks
-    evidence: PictureEvidence = NOTHING_KNOWN,
+    evidence: PhotoEvidence = NOTHING_KNOWN,
     count: CountObservations = count_observations,  # who counts the observations
 ) -> Verdict:
     """Verify coverage and safety from the flown tracks alone; plans serve for comparison only.
@@ -165,35 +165,35 @@ def verify_flight(
     elif len(eyes) == 1:
         flown = count(eyes[0][0], together)
     else:
-        flown = seen_by_any(
+        flown = observed_by_any(
             [count(eye, joined_observations([parts[k] for k in who], [shifts_s[k] for k in who])) for eye, who in eyes]
         )
     unknown_looks = int((~together.known).sum()) if evidence.shown is None else 0
-    pictures = evidence.counts
-    if evidence.shown is None and len(eyes) == 1 and takes_pictures(eyes[0][0].site.scenario):
-        pictures = _pictures(eyes[0][0], together)
-    statistics = None if pictures is None else picture_statistics(eyes[0][0], pictures)
-    gaps = tuple(find_gaps(coverage, _as_required(coverage, flown, pictures, statistics)))
+    photos = evidence.counts
+    if evidence.shown is None and len(eyes) == 1 and takes_photos(eyes[0][0].site.scenario):
+        photos = _photos(eyes[0][0], together)
+    statistics = None if photos is None else photo_statistics(eyes[0][0], photos)
+    gaps = tuple(find_gaps(coverage, _as_required(coverage, flown, photos, statistics)))
     window = flown_window(np.concatenate([j.track.unix_time_s for j in judged]))
     separation = judge_separation(
         site, [track.track for track in judged], same_flight={(record.first, record.second) for record in records}
     )
     decision = decide(
-        coverage, flown, judged, pictures,
+        coverage, flown, judged, photos,
         unknown_attitude_looks=unknown_looks, evidence=evidence, separation=separation, eyes=[eye for eye, _ in eyes],
     )  # fmt: skip
     more = (*map(str, records), *_overlap_findings(site, statistics), *dates, *_time_findings(site, window))
     doubts = [f"{name}{step}" for name, step in zip(which, steps, strict=True) if step is not None]
-    doubts += at_two_places(judged, records) if site.scenario.fleet.vehicles == 1 else []
+    doubts += at_two_positions(judged, records) if site.scenario.fleet.vehicles == 1 else []
     judgement = Judgement(
         (*decision.judgement.findings, *(unproved("evidence", text) for text in doubts), *map(noted, more))
     )
     report = VerificationReport(
-        coverage_fraction=coverage.share(flown.seen),
-        coverage_of_coverable=coverage.share_of_coverable(flown.seen),
-        surely_covered_fraction=coverage.share(flown.surely_seen),
-        surely_covered_of_coverable=coverage.share_of_coverable(flown.surely_seen),
-        possibly_covered_fraction=coverage.share(flown.possibly_seen),
+        coverage_fraction=coverage.fraction(flown.observed),
+        coverage_of_coverable=coverage.fraction_of_coverable(flown.observed),
+        surely_covered_fraction=coverage.fraction(flown.certain_cells),
+        surely_covered_of_coverable=coverage.fraction_of_coverable(flown.certain_cells),
+        possibly_covered_fraction=coverage.fraction(flown.possible_cells),
         planned_coverage_fraction=None if tracks[0].planned is None else tracks[0].planned.coverage_fraction,
         min_height_agl_m=_smallest([j.heights.lowest.values[j.phases.route] for j in judged]),
         max_height_agl_m=_largest([j.heights.highest.values[j.phases.route] for j in judged]),
@@ -226,7 +226,7 @@ def verify_flight(
             for stretch in ([] if j.photos is None else j.photos.missing)
         ),
     )
-    return Verdict(coverage, report, flown, gaps, pictures, together, shifts_s)
+    return Verdict(coverage, report, flown, gaps, photos, together, shifts_s)
 
 
 def _count_once(judged: Sequence[JudgedTrack], parts: list[Observations], record: Records) -> None:
@@ -245,13 +245,13 @@ def _count_once(judged: Sequence[JudgedTrack], parts: list[Observations], record
 
 
 def _as_required(
-    coverage: CoverageMap, flown: FlownCoverage, pictures: PictureCounts | None, statistics: PictureStatistics | None
+    coverage: CoverageMap, flown: FlownCoverage, photos: PhotoCounts | None, statistics: PhotoStatistics | None
 ) -> FlownCoverage:
     """The coverage; where a required overlap is missed, cells as drawn in too few photos do not count as seen."""
-    asked = None if statistics is None else statistics.asked
-    if pictures is None or asked is None or overlap_shortfall(coverage.site.scenario, statistics) is None:
+    required = None if statistics is None else statistics.asked
+    if photos is None or required is None or overlap_shortfall(coverage.site.scenario, statistics) is None:
         return flown
-    return replace(flown, seen=flown.seen & ((pictures.pictures >= asked) | ~drawn_cells(coverage)))
+    return replace(flown, observed=flown.observed & ((photos.photos >= required) | ~drawn_cells(coverage)))
 
 
 def _eyes(coverage: CoverageMap, tracks: Sequence[FlownTrack]) -> list[tuple[CoverageMap, list[int]]]:
@@ -282,28 +282,28 @@ def _time_findings(site: Site, window: Window | None) -> list[str]:
     if planned is None or (planned[0] <= window[0] and window[1] <= planned[1]):
         return []
     return [
-        f"flown from {window_in_words(window)}, planned for {window_in_words(planned)}; the verdict uses the no-fly "
+        f"flown from {window_text(window)}, planned for {window_text(planned)}; the verdict uses the no-fly "
         "zones that were active during the flight"
     ]
 
 
-def _pictures(coverage: CoverageMap, together: Observations) -> PictureCounts:
+def _photos(coverage: CoverageMap, together: Observations) -> PhotoCounts:
     """Looks whose direction is known; the others show nothing for certain."""
     known, scenario = together.where(together.known), coverage.site.scenario
     closer_m = look_distance_m(scenario, np.full(len(known), scenario.uncertainty.position_m))
-    looks = looks_of(known.places_m, known.axes, closer_m)
-    return count_pictures(coverage, SensorPoses(known.places_m, known.axes, known.tops, known.times_s), looks)
+    looks = looks_of(known.positions_m, known.axes, closer_m)
+    return count_photos(coverage, SensorPoses(known.positions_m, known.axes, known.tops, known.times_s), looks)
 
 
-def _overlap_findings(site: Site, pictures: PictureStatistics | None) -> list[str]:
+def _overlap_findings(site: Site, photos: PhotoStatistics | None) -> list[str]:
     """Overlap that does not hold, where nothing requires it."""
-    if pictures is None or pictures.overlap_fraction is None or pictures.overlap_holds:
+    if photos is None or photos.overlap_fraction is None or photos.overlap_holds:
         return []
     if site.scenario.requirements.min_overlap_fraction is not None:
         return []
     return [
-        f"the required overlap, {pictures.asked} photos of every point, is achieved on "
-        f"{100.0 * pictures.overlap_fraction:.2f} % of the area; {100.0 * OVERLAP_FRACTION:g} % is required"
+        f"the required overlap, {photos.asked} photos of every point, is achieved on "
+        f"{100.0 * photos.overlap_fraction:.2f} % of the area; {100.0 * OVERLAP_FRACTION:g} % is required"
     ]
 
 

@@ -21,9 +21,9 @@ class Page:
         page.on("console", lambda message: self.errors.append(message.text) if message.type == "error" else None)
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.on("dialog", lambda dialog: self.errors.append(f"a dialog: {dialog.message}"))
-        page.on("request", lambda request: self._seen(request.url))
+        page.on("request", lambda request: self._observed(request.url))
 
-    def _seen(self, url: str) -> None:
+    def _observed(self, url: str) -> None:
         if not url.startswith(("http://127.0.0.1:", "ws://127.0.0.1:", "data:", "blob:http://127.0.0.1:")):
             self.foreign.append(url)
 

@@ -7,7 +7,7 @@ from tests.extras.app.browser import Page
 SIZES = ((1400, 900), (1180, 820), (390, 844))
 """A desk, a tablet, a phone."""
 FORM = (("dem", "jacksboro.tif"), ("vertical_datum", "EGM96"), ("camera", "dji-m3e"), ("vehicle", "dji-m3e"))
-PLACES = ("36.4738, -84.2090", "36.4700, -84.2105")
+POSITIONS = ("36.4738, -84.2090", "36.4700, -84.2105")
 
 
 def steps(
@@ -23,10 +23,10 @@ def steps(
             page.select_option(f"#f-{name}", value)
     page.fill("#f-gsd", "4cm")
     page.fill("#f-battery", "30min")
-    page.fill("#f-position", PLACES[0])
+    page.fill("#f-position", POSITIONS[0])
     page.click("text=Take off at this position")
     p.until("window.uavcover.state.draft.home")
-    page.fill("#f-position", PLACES[1])
+    page.fill("#f-position", POSITIONS[1])
     page.click("text=Add rally point at this position")
     p.until("window.uavcover.state.draft.rally.length && window.uavcover.state.design?.flights")
     page.fill("#f-position", "")

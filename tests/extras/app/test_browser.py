@@ -158,8 +158,8 @@ def test_a_fence_rally_points_and_several_vehicles(browser: Any, served: Client)
     page.fill("#f-position", "36.47")
     page.evaluate("() => window.uavcover.state.redraw()")
     assert page.input_value("#f-position") == "36.47"
-    for place in ("36.4712, -84.2170", "36.6, -84.2"):
-        page.fill("#f-position", place)
+    for position in ("36.4712, -84.2170", "36.6, -84.2"):
+        page.fill("#f-position", position)
         page.click("text=Add rally point at this position")
     p.until("document.getElementById('e-rally').textContent.includes('outside')")
     page.click("#undo")

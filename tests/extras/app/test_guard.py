@@ -288,8 +288,8 @@ def test_a_real_vehicle_is_not_flown_unless_the_server_allows_it(served: Client)
     run = served.root / "run"
     run.mkdir()
     (run / "plan.json").write_text("{}")
-    asked = {"kind": "fly", "run": "run", "to": "udp:127.0.0.1:14550", "confirmed": "udp:127.0.0.1:14550"}
-    assert "--allow-flight" in served.error("POST", "/api/jobs", asked)
+    requested = {"kind": "fly", "run": "run", "to": "udp:127.0.0.1:14550", "confirmed": "udp:127.0.0.1:14550"}
+    assert "--allow-flight" in served.error("POST", "/api/jobs", requested)
     served.server.flights_allowed = True
-    assert "type the vehicle's address" in served.error("POST", "/api/jobs", {**asked, "confirmed": "yes"})
+    assert "type the vehicle's address" in served.error("POST", "/api/jobs", {**requested, "confirmed": "yes"})
     assert served.server.jobs.all() == []

@@ -143,8 +143,8 @@ def test_a_whole_command(served: Client) -> None:
     # The page's check of the plan's own route finds nothing, and what it sees is what the plan says.
     check = served.post("/api/route/check", {"run": "valley", "waypoints": scene["route"]})
     assert check["legs"] == []
-    seen = served.post("/api/route/coverage", {"run": "valley", "waypoints": scene["route"]})
-    assert seen["coverage"] == pytest.approx(scene["plan"]["metrics"]["coverage_of_coverable"], abs=2e-4)
+    observed = served.post("/api/route/coverage", {"run": "valley", "waypoints": scene["route"]})
+    assert observed["coverage"] == pytest.approx(scene["plan"]["metrics"]["coverage_of_coverable"], abs=2e-4)
     high = [[lon, lat, 500.0] for lon, lat, _ in scene["route"]]
     assert served.post("/api/route/check", {"run": "valley", "waypoints": high})["legs"] != []
     # An edited plan is a plan like any other; one that breaks a limit is refused by the command.
@@ -202,11 +202,11 @@ def test_a_flight_is_followed_as_it_grows_and_from_its_beginning_when_it_is_repl
     assert (taken(patched, observed.since(known)) == taken(None, observed.since(0))).all()
 
 
-def taken(picture: np.ndarray | None, document: dict[str, Any]) -> np.ndarray:
+def taken(image: np.ndarray | None, document: dict[str, Any]) -> np.ndarray:
     """The picture that a browser has after a message."""
     width, height = document["size"]
-    assert document["whole"] is (picture is None)
-    out = np.zeros((height, width, 4), dtype=np.uint8) if picture is None else picture.copy()
+    assert document["whole"] is (image is None)
+    out = np.zeros((height, width, 4), dtype=np.uint8) if image is None else image.copy()
     for patch in document["patches"]:
         pixels = np.asarray(Image.open(io.BytesIO(base64.b64decode(patch["image"].partition(",")[2]))))
         out[patch["y"] : patch["y"] + pixels.shape[0], patch["x"] : patch["x"] + pixels.shape[1]] = pixels
@@ -220,12 +220,12 @@ def test_flights_of_one_plan_add_up(served: Client, flown: Path) -> None:
     assert first.observed is second.observed
     lines = (served.root / "run/sortie-1/track.csv").read_bytes().splitlines(keepends=True)
     (served.root / "run/sortie-1/track.csv").write_bytes(b"".join(lines[: len(lines) // 2]))
-    shares = []
+    fractions = []
     for live in (first, second):
         live.poll()
         live.look()
-        shares.append(live.observed.covered)
-    assert 0.0 < shares[0] < shares[1]
+        fractions.append(live.observed.covered)
+    assert 0.0 < fractions[0] < fractions[1]
 
 
 def test_browsers_get_what_they_lack(served: Client, flown: Path) -> None:
@@ -253,9 +253,9 @@ def test_the_incumbent_is_drawn_while_it_is_searched_for(capfd: pytest.CaptureFi
 
 def test_the_limits_of_a_vehicle_are_values_for_the_page(capfd: pytest.CaptureFixture[str]) -> None:
     row = {"what": "speed", "planned": 5.0, "vehicle": 4.0, "weight": "warning"}
-    EventConsole().say_limits("limits:", [row])
+    EventConsole().show_limits("limits:", [row])
     board = Board(EventConsole(), 2)
-    VehicleUser(board, 2, stops=lambda: 0, pauses=lambda: False).say_limits("  limits:", [row])
+    VehicleUser(board, 2, stops=lambda: 0, pauses=lambda: False).show_limits("  limits:", [row])
     alone, of_fleet = (json.loads(line) for line in capfd.readouterr().err.splitlines())
     assert alone == {"say": "limits:", "limits": [row]}
     assert of_fleet == {"say": "vehicle 2: limits:", "limits": [{**row, "what": "vehicle 2: speed"}]}
@@ -273,10 +273,11 @@ def test_a_server_that_is_killed_takes_no_command_with_it(tmp_path: Path, planne
         address = urlsplit(json.loads(server.stdout.readline())["url"])
         port = int(address.port or 0)
         client = Client(port, address.query.partition("=")[2], root, Server(Workspace(root)))
-        asked = {"plan": {"scenario": "valley.toml", "evaluations": 300}, "fly": {"run": "run", "mock_speed": "40"}}[
-            kind
-        ]
-        begun = client.post("/api/jobs", {"kind": kind, **asked})
+        requested = {
+            "plan": {"scenario": "valley.toml", "evaluations": 300},
+            "fly": {"run": "run", "mock_speed": "40"},
+        }[kind]
+        begun = client.post("/api/jobs", {"kind": kind, **requested})
         job = client.server.jobs.get(begun["id"])
         with subprocess.Popen(["tail", "-f", "-n", "+1", job.folder / "events"], stdout=subprocess.PIPE) as tail:
             assert tail.stdout is not None

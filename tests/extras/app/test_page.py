@@ -20,7 +20,7 @@ from uavcover.flight.flight_log import LIVE_LINE
 
 pytestmark = [pytest.mark.filterwarnings("ignore::DeprecationWarning"), pytest.mark.timeout(900)]
 SQUARE = ((-84.2160, 36.4705), (-84.2125, 36.4705), (-84.2125, 36.4728), (-84.2160, 36.4728))
-TYPED_PLACES = ("36.4705, -84.2160", "36°28'13.8\"N 84°12'45\"W", "16S 750068 4040102")
+TYPED_POSITIONS = ("36.4705, -84.2160", "36°28'13.8\"N 84°12'45\"W", "16S 750068 4040102")
 DRAFT = "window.uavcover.state.draft"
 
 
@@ -30,10 +30,10 @@ def test_every_text_of_the_page_is_in_one_file() -> None:
     others = {path.name: path.read_text() for path in PAGE.glob("*.js") if path.name != "strings.js"}
     others["index.html"] = (PAGE / "index.html").read_text()
     everything = "\n".join(others.values())
-    asked = set(re.findall(r'\bt\("([^"]+)"\)', everything)) | set(
+    requested = set(re.findall(r'\bt\("([^"]+)"\)', everything)) | set(
         re.findall(r'data-(?:text|label)="([^"]+)"', everything)
     )
-    assert asked - texts == set(), "asked for, and not there"
+    assert requested - texts == set(), "asked for, and not there"
     made = ("tab", "sensor_", "format_", "list_", "mark_", "ended", "not proved")
     unused = {key for key in texts if not key.startswith(made) and f'"{key}"' not in everything}
     assert unused == set(), "there, and never asked for"
@@ -57,10 +57,10 @@ def test_an_area_is_drawn_with_the_keyboard_alone(browser: Any, served: Client) 
 
     # Typed corners are exact, in any form of positions.
     press("button:text-is('Draw area')")
-    for number, place in enumerate(TYPED_PLACES, 1):
+    for number, position in enumerate(TYPED_POSITIONS, 1):
         page.focus("#f-position")
         keys.press("Control+A")
-        keys.type(place)
+        keys.type(position)
         press("#corner")
         p.until(f"window.uavcover.state.corners.length === {number}")
     press("#finish")
@@ -238,11 +238,11 @@ def kept(p: Page) -> int:
 
 def test_maps_of_the_user_are_the_background(browser: Any, served: Client) -> None:
     """A GeoTIFF and an MBTiles file, each asked for tiles and drawn below the shapes."""
-    picture = io.BytesIO()
-    Image.new("RGB", (256, 256), (200, 30, 30)).save(picture, "PNG")
+    image = io.BytesIO()
+    Image.new("RGB", (256, 256), (200, 30, 30)).save(image, "PNG")
     with sqlite3.connect(served.root / "map.mbtiles") as connection:
         connection.execute("create table tiles (zoom_level int, tile_column int, tile_row int, tile_data blob)")
-        tiles = [(z, x, y, picture.getvalue()) for z in range(4) for x in range(2**z) for y in range(2**z)]
+        tiles = [(z, x, y, image.getvalue()) for z in range(4) for x in range(2**z) for y in range(2**z)]
         connection.executemany("insert into tiles values (?, ?, ?, ?)", tiles)
     connection.close()
     shutil.copy(PAGE.parents[2] / "data" / "jacksboro.tif", served.root / "photo.tif")
@@ -254,7 +254,7 @@ def test_maps_of_the_user_are_the_background(browser: Any, served: Client) -> No
         if name == "photo.tif":
             p.page.evaluate("() => window.uavcover.map.map.jumpTo({ zoom: 11 })")
         # The layer of the file before stands until the first tile of this one is asked for.
-        with p.page.expect_response(lambda answer, asked=f"file={name}": asked in answer.url):
+        with p.page.expect_response(lambda answer, requested=f"file={name}": requested in answer.url):
             p.page.select_option("#tools select[aria-label='Background']", name)
         p.until("window.uavcover.map.map.getLayer('background') && window.uavcover.map.map.areTilesLoaded()")
         assert (f"file={name}", 200) in answers

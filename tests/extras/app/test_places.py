@@ -7,7 +7,7 @@ import pytest
 from pyproj import Transformer
 
 from uavcover.errors import InputError
-from uavcover.extras.app.workspace import place_of
+from uavcover.extras.app.workspace import position_of
 
 M = 9e-6  # a metre in degrees
 
@@ -33,7 +33,7 @@ M = 9e-6  # a metre in degrees
     ],
 )
 def test_forms_that_people_type(text: str, lat: float, lon: float) -> None:
-    found = place_of(text)
+    found = position_of(text)
     assert found[0] == pytest.approx(lat, abs=0.001)
     assert found[1] == pytest.approx(lon, abs=0.001)
 
@@ -47,7 +47,7 @@ NO_POSITIONS = (
 @pytest.mark.parametrize("text", NO_POSITIONS, ids=repr)
 def test_what_is_no_position_is_refused(text: str) -> None:
     with pytest.raises(InputError):
-        place_of(text)
+        position_of(text)
 
 
 def _mgrs_of(lat: float, lon: float) -> tuple[str, str]:
@@ -70,6 +70,6 @@ def test_utm_and_mgrs_anywhere_on_earth() -> None:
         if not -79.5 < lat < 83.5:
             continue
         for text, within_m in zip(_mgrs_of(lat, lon), (0.2, 1.6), strict=True):
-            found = place_of(text)
+            found = position_of(text)
             assert abs(found[0] - lat) < within_m * M, text
             assert abs(found[1] - lon) < within_m * M / math.cos(math.radians(lat)), text

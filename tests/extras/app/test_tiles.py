@@ -41,17 +41,17 @@ def test_the_encoding_keeps_a_256th_of_a_metre(height: float) -> None:
 def test_heights_are_those_of_the_file(zoom: int) -> None:
     tile = tile_of(-84.209, 36.4738, zoom)
     heights = decoded(tiles.height_tile(TerrainSource((DEM,)), *tile))
-    places = tiles.lon_lat_of_pixels(*tile)
+    positions = tiles.lon_lat_of_pixels(*tile)
     with rasterio.open(DEM) as dataset:
         west, south, east, north = dataset.bounds
         inside = (
-            (places[:, 0] > west + 0.002)
-            & (places[:, 0] < east - 0.002)
-            & (places[:, 1] > south + 0.002)
-            & (places[:, 1] < north - 0.002)
+            (positions[:, 0] > west + 0.002)
+            & (positions[:, 0] < east - 0.002)
+            & (positions[:, 1] > south + 0.002)
+            & (positions[:, 1] < north - 0.002)
         )
         band = dataset.read(1).astype(float)
-        column, row = ~dataset.transform @ (places[inside, 0], places[inside, 1])
+        column, row = ~dataset.transform @ (positions[inside, 0], positions[inside, 1])
     assert inside.sum() > 100
     # The bilinear twin: between the centres of pixels.
     c, r = np.asarray(column) - 0.5, np.asarray(row) - 0.5
@@ -72,8 +72,8 @@ def test_a_scenario_without_a_file_has_tiles_of_its_ground() -> None:
     west, south, east, north = scene.site.area.bounds
     lon, lat = scene.lon_lat(np.array([[(west + east) / 2.0, (south + north) / 2.0, 0.0]]))[0]
     tile = tile_of(lon, lat, 17)
-    places = scene.east_north(tiles.lon_lat_of_pixels(*tile))
-    expected = scene.site.ground.heights_m(places)
+    positions = scene.east_north(tiles.lon_lat_of_pixels(*tile))
+    expected = scene.site.ground.heights_m(positions)
     known = np.isfinite(expected)
     assert known.any()
     assert np.abs(decoded(tiles.height_tile(scene, *tile)).ravel()[known] - expected[known]).max() < 0.01
@@ -144,6 +144,6 @@ def test_contours_are_at_round_heights_and_lie_on_the_ground() -> None:
     lines = tiles.contours(scene)
     assert 8 <= len({line["height"] for line in lines}) <= 30
     for line in lines[::7]:
-        places = scene.east_north(np.array(line["line"]))
-        heights = scene.site.ground.heights_m(places) + scene.site.alt_amsl_offset_m
+        positions = scene.east_north(np.array(line["line"]))
+        heights = scene.site.ground.heights_m(positions) + scene.site.alt_amsl_offset_m
         assert np.nanquantile(np.abs(heights - line["height"]), 0.95) < 3.0

@@ -104,8 +104,8 @@ def test_the_module_needs_no_other_one() -> None:
     files = dict(widget.packed_files())
     for name, code in files.items():
         if name.startswith("/page/"):
-            for asked in re.findall(r'from "([^"]+)"', code):
-                assert list(files).index(asked) < list(files).index(name), (name, asked)
+            for requested in re.findall(r'from "([^"]+)"', code):
+                assert list(files).index(requested) < list(files).index(name), (name, requested)
 
 
 def test_a_notebook_shows_it_by_itself(flown: Path) -> None:

@@ -39,8 +39,8 @@ def test_costs_are_those_of_legs_from_rest_to_rest() -> None:
 def test_an_area_is_read_with_its_hole(data: Path) -> None:
     area = read_area(data, "AC1_0000")
     assert area.outline.equals(shapely.Polygon(OUTER, [HOLE]))
-    assert area.seen(area.routes_m) == pytest.approx(1.0, abs=1e-3)
-    assert area.seen([np.array([[0.0, 12.0], [1e-9, 12.0]])]) == pytest.approx(
+    assert area.observed(area.routes_m) == pytest.approx(1.0, abs=1e-3)
+    assert area.observed([np.array([[0.0, 12.0], [1e-9, 12.0]])]) == pytest.approx(
         0.5 * math.pi * 1.5**2 / area.outline.area, rel=1e-2
     )
 

@@ -43,7 +43,7 @@ def test_an_instance_is_read_with_its_best_known_length(data: Path) -> None:
     assert instance.centres.tolist() == [list(centre) for centre in CENTRES]
     assert (instance.radius, instance.best_known, instance.home.tolist()) == (2.0, 31.0, [0.0, 0.0])
     assert tour_length(np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 4.0]])) == pytest.approx(12.0)
-    assert instance.unseen(np.array([[8.0, 0.0], [9.0, 8.0]])) == 2
+    assert instance.unobserved(np.array([[8.0, 0.0], [9.0, 8.0]])) == 2
 
 
 def test_the_radius_of_an_overlap_ratio_is_that_share_of_the_longer_side(data: Path) -> None:
@@ -90,8 +90,8 @@ def test_the_command_plans_a_short_tour_keeps_it_and_goes_on(cli: Cli, data: Pat
     first, second = cli(*arguments), cli(*arguments)
     assert (first.code, first.document["made"]) == (0, 1)
     assert (second.code, second.document["made"]) == (0, 0)
-    name, discs, length, _, _, unseen, *_ = (tmp_path / "out" / "cetsp.csv").read_text().splitlines()[1].split(",")
-    assert (name, discs, unseen) == ("four", "4", "0")
+    name, discs, length, _, _, unobserved, *_ = (tmp_path / "out" / "cetsp.csv").read_text().splitlines()[1].split(",")
+    assert (name, discs, unobserved) == ("four", "4", "0")
     # Not shorter than there and back to the far corner's disc, nor longer than a tour of the centres.
     assert 2.0 * (math.hypot(10.0, 8.0) - 2.0) < float(length) < 18.0 + math.hypot(10.0, 2.0) + 10.0
 

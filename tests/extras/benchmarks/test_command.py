@@ -49,15 +49,15 @@ def test_the_same_command_again_makes_nothing(cli: Cli, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "reported"),
     [
         (("--functions", "MMF1,MMF99"), "--functions: unknown: 'MMF99'; choose from MMF1"),
         (("--algorithms", ","), "--algorithms: no name is given; choose from imodbo"),
         ((), "-o/--out: specify a folder"),
     ],
 )
-def test_bad_usage_is_one_line(cli: Cli, arguments: tuple[str, ...], told: str) -> None:
-    assert told in cli("bench", "mmf", *arguments, code=2).error
+def test_bad_usage_is_one_line(cli: Cli, arguments: tuple[str, ...], reported: str) -> None:
+    assert reported in cli("bench", "mmf", *arguments, code=2).error
 
 
 def test_population_too_small_for_an_algorithm(cli: Cli, tmp_path: Path) -> None:

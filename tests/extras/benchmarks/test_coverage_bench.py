@@ -19,7 +19,7 @@ from uavcover.extras.benchmarks.coverage.judging import (
     Judge,
     JudgedMoment,
     Point,
-    hypervolume_share,
+    hypervolume_fraction,
     moment_document,
     read_moment,
 )
@@ -74,14 +74,14 @@ class TestHypervolume:
         values = np.array([[-p.coverage, p.waypoints, p.length_m] for p in front])
         case = Case("x", "knee", 1.0, 61.0, 120.0)
         theirs = HV(ref_point=np.array([0.0, 61.0, 120.0]))(values) / (61.0 * 120.0)
-        assert hypervolume_share(case, front) == pytest.approx(theirs)
+        assert hypervolume_fraction(case, front) == pytest.approx(theirs)
         high = HV(ref_point=np.array([-0.8, 61.0, 120.0]))(values) / (0.2 * 61.0 * 120.0)
-        assert hypervolume_share(case, front, from_coverage=0.8) == pytest.approx(high)
+        assert hypervolume_fraction(case, front, from_coverage=0.8) == pytest.approx(high)
 
     def test_the_ideal_is_one_and_nothing_is_nothing(self) -> None:
-        assert hypervolume_share(PLANAR, [Point(1.0, 0.0, 0.0)]) == 1.0
-        assert hypervolume_share(PLANAR, []) == 0.0
-        assert hypervolume_share(PLANAR, [Point(1.0, 61.0, 1.0)]) == 0.0
+        assert hypervolume_fraction(PLANAR, [Point(1.0, 0.0, 0.0)]) == 1.0
+        assert hypervolume_fraction(PLANAR, []) == 0.0
+        assert hypervolume_fraction(PLANAR, [Point(1.0, 61.0, 1.0)]) == 0.0
 
 
 class TestJudge:
@@ -150,7 +150,7 @@ class TestLengthAt:
 
     def test_only_families_that_are_short_somewhere_are_judged(self) -> None:
         def family(name: str, *pairs: tuple[float, float]) -> list[Tried]:
-            return [Tried(name, k, seen, seen, 2, length, 0.0) for k, (seen, length) in enumerate(pairs)]
+            return [Tried(name, k, observed, observed, 2, length, 0.0) for k, (observed, length) in enumerate(pairs)]
 
         tried = [
             *family("short", (0.9, 100.0), (1.0, 200.0)),
@@ -263,7 +263,7 @@ class TestTables:
         return Outcomes(runs)
 
     def test_a_shorter_budget_is_told_by_its_own_runs_else_by_longer_ones(self) -> None:
-        lengths = [sample.asked_m for sample in self.outcomes().at("paper-r1", OURS, 10.0)]
+        lengths = [sample.required_m for sample in self.outcomes().at("paper-r1", OURS, 10.0)]
         assert lengths == [60.0, 90.0, 77.0]
         assert self.outcomes().times_s() == [10.0, 60.0]
 

@@ -147,16 +147,16 @@ class TestSummary:
         for function in ("MMF1", "MMF14"):
             problem, reference = PROBLEMS[function], reference_sets(function)
             x = rng.uniform(problem.lower, problem.upper, (40, problem.n_variables))
-            told = indicators(function, x, problem.evaluate(x))
-            assert told["IGD"] == pytest.approx(IGD(reference.pareto_front)(problem.evaluate(x)))
-            assert told["IGDx"] == pytest.approx(IGD(reference.pareto_set)(x))
-            assert told["HV"] == pytest.approx(HV(ref_point=problem.hypervolume_reference)(problem.evaluate(x)))
-            assert told["PSP"] == pytest.approx(told["CR"] / told["IGDx"])
+            reported = indicators(function, x, problem.evaluate(x))
+            assert reported["IGD"] == pytest.approx(IGD(reference.pareto_front)(problem.evaluate(x)))
+            assert reported["IGDx"] == pytest.approx(IGD(reference.pareto_set)(x))
+            assert reported["HV"] == pytest.approx(HV(ref_point=problem.hypervolume_reference)(problem.evaluate(x)))
+            assert reported["PSP"] == pytest.approx(reported["CR"] / reported["IGDx"])
 
     def test_the_reference_itself_has_infinite_psp(self) -> None:
         reference = reference_sets("MMF4")
-        told = indicators("MMF4", reference.pareto_set, PROBLEMS["MMF4"].evaluate(reference.pareto_set))
-        assert told["PSP"] == np.inf
+        reported = indicators("MMF4", reference.pareto_set, PROBLEMS["MMF4"].evaluate(reference.pareto_set))
+        assert reported["PSP"] == np.inf
 
     def test_summary_holds_every_metric_of_every_run(self, tmp_path: Path) -> None:
         folder = filled(tmp_path, ("MMF1", "MMF15"), ("random", "uniform"), 3)

@@ -55,20 +55,20 @@ def result(*front: tuple[float, float, float]) -> PaperResult:
 
 class TestReadings:
     def test_the_midpoint_sees_what_the_ray_does_not(self) -> None:
-        places = np.random.default_rng(4).uniform([0, 0, 0.2], [10, 10, 1.0], (40, 3))
-        shares = {}
+        positions = np.random.default_rng(4).uniform([0, 0, 0.2], [10, 10, 1.0], (40, 3))
+        fractions = {}
         for name, reading in READINGS.items():
             coverage = CoverageMap(reading.site(), cell_size_m=0.5)
-            shares[name] = coverage.share(coverage.seen(places))
-        assert shares["R2-midpoint"] > shares["R2-ray"] > shares["r1-ray"]
-        assert shares["r1-midpoint"] >= shares["r1-ray"]
-        assert shares["planar"] > shares["r1-midpoint"]
+            fractions[name] = coverage.fraction(coverage.observed(positions))
+        assert fractions["R2-midpoint"] > fractions["R2-ray"] > fractions["r1-ray"]
+        assert fractions["r1-midpoint"] >= fractions["r1-ray"]
+        assert fractions["planar"] > fractions["r1-midpoint"]
 
     def test_planar_is_a_distance_in_the_plane(self) -> None:
-        place = np.array([[3.1, 4.2, 0.9]])
+        position = np.array([[3.1, 4.2, 0.9]])
         coverage = CoverageMap(READINGS["planar"].site(), cell_size_m=0.5)
         centres = coverage.grid.cells.centre_m[:, :2]
-        assert np.array_equal(coverage.seen(place), np.hypot(*(centres - place[0, :2]).T) <= 1.0)
+        assert np.array_equal(coverage.observed(position), np.hypot(*(centres - position[0, :2]).T) <= 1.0)
 
 
 class TestChoices:
@@ -131,7 +131,7 @@ class TestResults:
         route = np.array([line.split(",") for line in lines], dtype=float)
         coverage = CoverageMap(READINGS["planar"].site(), cell_size_m=0.5)
         figures = by_weights(read_results(folder)["planar", "imodbo"]).figures
-        assert coverage.share(coverage.seen(route)) == figures.coverage
+        assert coverage.fraction(coverage.observed(route)) == figures.coverage
         assert len(route) == figures.nodes
         # Section 2.1: begin at the node nearest the origin.
         assert np.linalg.norm(route, axis=1).argmin() == 0

@@ -67,6 +67,6 @@ class TestFriedman:
         assert friedman(values, better="more").ranks.tolist() == [3.0, 2.0, 1.0]
 
     def test_two_contenders_have_ranks_but_no_test(self) -> None:
-        told = friedman([[1.0, 2.0]], better="less")
-        assert told.ranks.tolist() == [1.0, 2.0]
-        assert np.isnan(told.p)
+        reported = friedman([[1.0, 2.0]], better="less")
+        assert reported.ranks.tolist() == [1.0, 2.0]
+        assert np.isnan(reported.p)

@@ -13,8 +13,8 @@ from uavcover.model.route import Bound
 from uavcover.model.sensor import SphereSensor
 from uavcover.planner.plan_files import bounds as bounds_of
 from uavcover.planner.planner import Effort, plan_routes
-from uavcover.run.documents import bound_document, bounds_in_words
-from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, sees_each
+from uavcover.run.documents import bound_document, bounds_text
+from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, observes_each
 from uavcover.sensing.site_maps import judging_map
 
 
@@ -25,9 +25,9 @@ def planned(site, rule):
 def test_on_flat_ground_the_path_bound_is_the_closed_form():
     coverage = CoverageMap(make_site(), cell_size_m=10.0)
     radius = 120.0 * math.tan(math.radians(35.0)) + 10.0 * math.sqrt(0.5)
-    for share in (1.0, 0.9):
-        expected = (share * 300.0 * 200.0 - math.pi * radius**2) / (2.0 * radius)
-        assert least_path_length_m(coverage, share) == pytest.approx(expected)
+    for fraction in (1.0, 0.9):
+        expected = (fraction * 300.0 * 200.0 - math.pi * radius**2) / (2.0 * radius)
+        assert least_path_length_m(coverage, fraction) == pytest.approx(expected)
     assert least_path_length_m(coverage, 0.0) == 0.0
 
 
@@ -37,13 +37,13 @@ def test_no_allowed_place_sees_a_cell_from_further_away(seed):
     farthest = farthest_looks_m(coverage)
     rng = np.random.default_rng(seed)
     cells = rng.integers(0, coverage.grid.count, 4000)
-    places = coverage.grid.cells.centre_m[cells, :2] + rng.uniform(-130.0, 130.0, (4000, 2))
-    up = coverage.site.ground.heights_m(places) + rng.uniform(40.0, 120.0, 4000)
-    observations = LevelObservations.towards_north(np.column_stack([places, up]))
-    seen = sees_each(coverage, observations, cells, coverage.sight)
-    distance = np.hypot(*(places - coverage.grid.cells.centre_m[cells, :2]).T)
-    assert seen.sum() > 100
-    assert (distance[seen] <= farthest[cells[seen]]).all()
+    positions = coverage.grid.cells.centre_m[cells, :2] + rng.uniform(-130.0, 130.0, (4000, 2))
+    up = coverage.site.ground.heights_m(positions) + rng.uniform(40.0, 120.0, 4000)
+    observations = LevelObservations.towards_north(np.column_stack([positions, up]))
+    observed = observes_each(coverage, observations, cells, coverage.sight)
+    distance = np.hypot(*(positions - coverage.grid.cells.centre_m[cells, :2]).T)
+    assert observed.sum() > 100
+    assert (distance[observed] <= farthest[cells[observed]]).all()
 
 
 def test_a_planned_path_is_not_shorter_than_its_bound():
@@ -70,8 +70,8 @@ def test_prices_are_said_to_hold_for_the_ground_and_the_quick_bound_for_what_is_
     """A path may see the counted places of enough cells, and less of the ground: then it may be shorter than prices say."""
 
     class Dear:
-        def least_length_m(self, share):
-            return 1e4 * share
+        def least_length_m(self, fraction):
+            return 1e4 * fraction
 
     site = make_site(hills, cell_m=20.0)
     coverage, plan = judging_map(site), planned(site, "coverage>=0.9")
@@ -83,7 +83,7 @@ def test_prices_are_said_to_hold_for_the_ground_and_the_quick_bound_for_what_is_
     assert (priced.counted, priced.limit) == ("ground", pytest.approx(9e3))
     document = bound_document(priced)
     assert document["counted"] == "ground"
-    (line,) = bounds_in_words({"shortest_path_m": document})
+    (line,) = bounds_text({"shortest_path_m": document})
     assert (
         "that observes this fraction of the ground itself (found: of the cells, one point in each), by prices" in line
     )
@@ -119,7 +119,7 @@ def test_branch_and_bound_is_at_least_as_tight_as_the_relaxation(dome):
     assert proved[0].found == min(
         m.metrics.waypoint_count for m in plan.members if m.metrics.coverage_of_coverable >= 1.0 - 1e-9
     )
-    assert proved[1].asked == plan.chosen.metrics.waypoint_count
+    assert proved[1].required == plan.chosen.metrics.waypoint_count
 
 
 def test_sensing_along_a_path_has_no_waypoint_bounds():
@@ -154,11 +154,11 @@ def test_bounds_in_words():
             **common,
         },
     }
-    assert bounds_in_words(bounds) == [
+    assert bounds_text(bounds) == [
         "fewest waypoints for 100.00 %: at least 44, found 45, gap 2.27 %; proved for a lattice, by branch and bound",
         "most coverage with 40 waypoints: at most 98.00 %, found none; proved for a lattice, by branch and bound",
         "shortest path for 90.00 %: at least 100 m, found 625 m (by the shortest of all routes), 6.2 times that; "
         "proved for a lattice, by branch and bound",
     ]
     with pytest.raises(InputError, match=r"bounds.most_coverage is not a bound"):
-        bounds_in_words({"most_coverage": {"found": 1.0}})
+        bounds_text({"most_coverage": {"found": 1.0}})

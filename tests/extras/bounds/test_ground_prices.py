@@ -21,7 +21,7 @@ from uavcover.extras.bounds.bounds import (
 )
 from uavcover.extras.bounds.programs import PriceProgram
 from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, SphereSensor
-from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, sees_each
+from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, observes_each
 
 LOW = {"min_height_agl_m": 10.0, "max_height_agl_m": 30.0}
 SENSORS = {
@@ -57,13 +57,13 @@ def priced(kind, seed):
 
 def random_path(coverage, rng, waypoints):
     """A polyline inside the fence and the height band: straight, winding, to and fro."""
-    places = [rng.uniform([-60.0, -60.0], [210.0, 180.0])]
+    positions = [rng.uniform([-60.0, -60.0], [210.0, 180.0])]
     heading = rng.uniform(0.0, 2.0 * math.pi)
     turn = rng.choice([0.0, 0.3, 1.5, math.pi])
     for _ in range(waypoints - 1):
         heading += rng.normal(0.0, 1.0) * turn
-        places.append(places[-1] + rng.uniform(1.0, 40.0) * np.array([math.cos(heading), math.sin(heading)]))
-    east_north = np.clip(np.array(places), -60.0, 210.0)
+        positions.append(positions[-1] + rng.uniform(1.0, 40.0) * np.array([math.cos(heading), math.sin(heading)]))
+    east_north = np.clip(np.array(positions), -60.0, 210.0)
     # Close samples, each at a height of the band: higher and lower at will.
     dense = np.vstack([np.linspace(a, b, 12) for a, b in itertools.pairwise(east_north)])
     agl = np.clip(np.interp(np.arange(len(dense)), [0, len(dense)], rng.uniform(10.0, 30.0, 2)), 10.0, 30.0)
@@ -89,7 +89,7 @@ def test_no_path_gains_more_than_its_length_and_one_look(kind, seed):
     for _ in range(40):
         path = random_path(coverage, rng, int(rng.integers(2, 12)))
         length_m = float(np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1).sum())
-        whole = wholly_seen(coverage, path, order)
+        whole = wholly_observed(coverage, path, order)
         worth_m = float(ground.prices_m[whole].sum())
         assert worth_m <= ground.first_look_m + length_m
         gained = max(gained, worth_m)
@@ -97,7 +97,7 @@ def test_no_path_gains_more_than_its_length_and_one_look(kind, seed):
     assert gained > (0.05 if kind == "frame" else 0.5) * ground.first_look_m
 
 
-def wholly_seen(coverage, path, numbers):
+def wholly_observed(coverage, path, numbers):
     """Of cells, those of which nine places are seen: with a sensor that looks far enough, by distance and angle alone."""
     site, sensor, cells = coverage.site, coverage.site.scenario.sensor, coverage.grid.cells
     whole = np.ones(len(numbers), dtype=bool)
@@ -108,20 +108,20 @@ def wholly_seen(coverage, path, numbers):
         for dj in (-0.5, 0.0, 0.5):
             e = cells.east0_m + (corners[:, 1] + dj) * cells.size_m
             n = cells.north0_m + (corners[:, 0] + di) * cells.size_m
-            place = np.column_stack([e, n])
-            up = site.ground.heights_m(place)
+            position = np.column_stack([e, n])
+            up = site.ground.heights_m(position)
             flat_m = np.hypot(e[:, None] - path[:, 0], n[:, None] - path[:, 1])
             above_m = path[:, 2] - up[:, None]
             if sensor.kind == "disc":
-                seen = flat_m <= sensor.radius_m
+                observed = flat_m <= sensor.radius_m
             elif sensor.kind == "sphere":
-                seen = np.hypot(flat_m, above_m) <= sensor.range_m
+                observed = np.hypot(flat_m, above_m) <= sensor.range_m
             elif sensor.kind == "nadir-camera":
                 wide = math.tan(math.radians(0.5 * sensor.fov_deg))
-                seen = (flat_m <= wide * above_m) & (np.hypot(flat_m, above_m) <= sensor.range_m)
+                observed = (flat_m <= wide * above_m) & (np.hypot(flat_m, above_m) <= sensor.range_m)
             else:
-                seen = flat_m <= 0.2 * above_m  # well inside the picture of the frame camera, whatever its heading
-            whole &= seen.any(axis=1)
+                observed = flat_m <= 0.2 * above_m  # well inside the picture of the frame camera, whatever its heading
+            whole &= observed.any(axis=1)
     return whole
 
 
@@ -137,10 +137,10 @@ def test_what_a_sensor_sees_is_in_view_in_the_relief(kind, seed):
     up = coverage.site.ground.heights_m(eyes) + rng.uniform(10.0, 30.0, 3000)
     turned = rng.uniform(0.0, 360.0, 3000)
     looks = LevelObservations.by_yaw(np.column_stack([eyes, up]), turned)
-    seen = np.flatnonzero(sees_each(coverage, looks, numbers, coverage.sight))
-    assert len(seen) > 100
+    observed = np.flatnonzero(observes_each(coverage, looks, numbers, coverage.sight))
+    assert len(observed) > 100
     corner = np.array([cells.east0_m, cells.north0_m]) - (margin_cells(coverage) + 0.5) * cells.size_m
-    eye, target = (eyes[seen] - corner).T, (cells.centre_m[numbers[seen], :2] - corner).T
+    eye, target = (eyes[observed] - corner).T, (cells.centre_m[numbers[observed], :2] - corner).T
     assert relief.allowed[(eye[1] // relief.side).astype(int), (eye[0] // relief.side).astype(int)].all()
     far = np.hypot(*(eye - target))
     assert (far <= relief.reach).all()
@@ -148,8 +148,8 @@ def test_what_a_sensor_sees_is_in_view_in_the_relief(kind, seed):
         fall = height(relief.top_m, relief.side, *eye) - height(relief.ground_m, relief.side, *target)
         assert (far <= relief.tangent * fall).all()
         # Ground and places between the nodes: on the right side of what the relief has, and not far from it.
-        over = height(relief.top_m, relief.side, *eye) - coverage.site.ground.heights_m(eyes[seen]) - 30.0
-        under = coverage.site.ground.heights_m(cells.centre_m[numbers[seen], :2]) - height(
+        over = height(relief.top_m, relief.side, *eye) - coverage.site.ground.heights_m(eyes[observed]) - 30.0
+        under = coverage.site.ground.heights_m(cells.centre_m[numbers[observed], :2]) - height(
             relief.ground_m, relief.side, *target
         )
         assert (over >= 0.0).all()
@@ -242,22 +242,22 @@ def test_a_strip_needs_its_length_less_one_look():
     ground = price_ground(coverage, 1.0, parts=2)
     bound_m = ground.least_length_m(1.0)
     line = np.array([[20.0, 22.0, 20.0], [20.0, 878.0, 20.0]])
-    assert coverage.seen(line).all()
+    assert coverage.observed(line).all()
     assert 0.3 * 856.0 < bound_m <= 856.0
 
 
-def ground_seen(site, path, reach_m, size_m, count=20_000):
+def ground_observed(site, path, reach_m, size_m, count=20_000):
     """Share of the ground, by its own area, that a disc, or a cone whose reach grows with height, sees from a path: random
     places, distances on the map, no cells and no lattice."""
-    places = np.random.default_rng(0).uniform((0.0, 0.0), size_m, (count, 2))
+    positions = np.random.default_rng(0).uniform((0.0, 0.0), size_m, (count, 2))
     heights_m = site.ground.heights_m
-    up_m = heights_m(places)
-    rises = [heights_m(places + step) - heights_m(places - step) for step in ((0.5, 0.0), (0.0, 0.5))]
+    up_m = heights_m(positions)
+    rises = [heights_m(positions + step) - heights_m(positions - step) for step in ((0.5, 0.0), (0.0, 0.5))]
     area = np.sqrt(1.0 + np.hypot(*rises) ** 2)
-    seen = np.zeros(count, dtype=bool)
+    observed = np.zeros(count, dtype=bool)
     for e, n, up in path:
-        seen |= np.hypot(places[:, 0] - e, places[:, 1] - n) <= reach_m(up - up_m)
-    return float(area[seen].sum() / area.sum())
+        observed |= np.hypot(positions[:, 0] - e, positions[:, 1] - n) <= reach_m(up - up_m)
+    return float(area[observed].sum() / area.sum())
 
 
 def lines_over(site, size_m, lanes, inset_m):
@@ -277,11 +277,11 @@ def test_lines_that_see_enough_of_the_ground_are_not_shorter(lanes):
     coverage = CoverageMap(site, cell_size_m=5.0)
     path, length_m = lines_over(site, (300.0, 200.0), lanes, 0.0)
     tangent = math.tan(math.radians(35.0))
-    share = ground_seen(site, path, lambda above_m: tangent * above_m, (300.0, 200.0))
-    # Nothing hides ground from `ground_seen`, as in the proof; the share may be a little above that of the cells.
-    assert 0.5 < coverage.share_of_coverable(coverage.seen(path)) <= share + 0.02
-    ground = price_ground(coverage, share, parts=2)
-    assert 0.0 < ground.least_length_m(share) <= length_m
+    fraction = ground_observed(site, path, lambda above_m: tangent * above_m, (300.0, 200.0))
+    # Nothing hides ground from `ground_observed`, as in the proof; the share may be a little above that of the cells.
+    assert 0.5 < coverage.fraction_of_coverable(coverage.observed(path)) <= fraction + 0.02
+    ground = price_ground(coverage, fraction, parts=2)
+    assert 0.0 < ground.least_length_m(fraction) <= length_m
 
 
 @pytest.mark.parametrize(("kind", "seed", "least"), [("cone", 0, 0.92), ("cone", 1, 0.85)])
@@ -294,9 +294,9 @@ def test_the_bound_of_a_wide_area_is_nearly_what_lines_need(kind, seed, least):
     sensor = cone if kind == "cone" else DiscSensor(kind="disc", radius_m=radius, sensing="along-path")
     site = make_site(wide_bumps(seed) if seed else flat, ring=ring, sensor=sensor, limits=LOW, cell_m=12.0)
     path, length_m = lines_over(site, size_m, 10, 12.0)
-    share = ground_seen(site, path, lambda above_m: 0.8 * above_m if kind == "cone" else radius, size_m)
-    bound_m = price_ground(CoverageMap(site, cell_size_m=12.0), share, parts=3).least_length_m(share)
-    assert share > 0.99
+    fraction = ground_observed(site, path, lambda above_m: 0.8 * above_m if kind == "cone" else radius, size_m)
+    bound_m = price_ground(CoverageMap(site, cell_size_m=12.0), fraction, parts=3).least_length_m(fraction)
+    assert fraction > 0.99
     assert least * length_m < bound_m <= length_m
 
 
@@ -305,27 +305,27 @@ def wide_bumps(seed):
     return lambda e, n: sum(h * np.sin(e / a + p) * np.cos(n / b - p) for a, b, p, h in waves)
 
 
-def shortest_on_graph(reaches, targets, nodes, neighbours, share):
+def shortest_on_graph(reaches, targets, nodes, neighbours, fraction):
     """Shortest path over a graph that sees a share of the targets, all corners of each from one node: Dijkstra over pairs of a
     node and a set of targets."""
-    sees = [
+    observes = [
         sum(1 << t for t, corners in enumerate(targets) if (np.hypot(*(corners - node).T) <= reaches[t]).all())
         for node in nodes
     ]
-    queue = [(0.0, k, mask) for k, mask in enumerate(sees)]
+    queue = [(0.0, k, mask) for k, mask in enumerate(observes)]
     heapq.heapify(queue)
     best = {}
     while queue:
         length, k, mask = heapq.heappop(queue)
-        if mask.bit_count() >= share * len(targets) - 1e-9:
+        if mask.bit_count() >= fraction * len(targets) - 1e-9:
             return length
         if best.get((k, mask), math.inf) <= length:
             continue
         best[k, mask] = length
         for other, leg in neighbours[k]:
             further = length + leg
-            if further < best.get((other, mask | sees[other]), math.inf):
-                heapq.heappush(queue, (further, other, mask | sees[other]))
+            if further < best.get((other, mask | observes[other]), math.inf):
+                heapq.heappush(queue, (further, other, mask | observes[other]))
     raise AssertionError("the graph sees too little")
 
 
@@ -335,7 +335,7 @@ def test_no_bound_exceeds_the_optimum_of_a_small_problem(seed):
     rng = np.random.default_rng(seed)
     columns, rows = int(rng.integers(8, 12)), 1
     side, radius = 20.0, float(rng.uniform(20.0, 24.0))
-    share = float(rng.choice([0.7, 0.9, 1.0]))
+    fraction = float(rng.choice([0.7, 0.9, 1.0]))
     ring = ((0.0, 0.0), (columns * side, 0.0), (columns * side, rows * side), (0.0, rows * side))
     sensor = DiscSensor(kind="disc", radius_m=radius, sensing="along-path")
     coverage = CoverageMap(make_site(ring=ring, sensor=sensor, limits=LOW, cell_m=side), cell_size_m=side)
@@ -350,19 +350,19 @@ def test_no_bound_exceeds_the_optimum_of_a_small_problem(seed):
     legs = [
         [(b, float(d)) for b, d in enumerate(np.hypot(*(nodes - node).T)) if 0.0 < d < 1.5 * step] for node in nodes
     ]
-    optimum_m = shortest_on_graph([radius] * len(targets), targets, nodes, legs, share)
-    ground = price_ground(coverage, share, parts=4)
-    assert ground.least_length_m(share - 1e-9) <= optimum_m + 1e-6
-    assert least_path_length_m(coverage, share) <= optimum_m + 1e-6
+    optimum_m = shortest_on_graph([radius] * len(targets), targets, nodes, legs, fraction)
+    ground = price_ground(coverage, fraction, parts=4)
+    assert ground.least_length_m(fraction - 1e-9) <= optimum_m + 1e-6
+    assert least_path_length_m(coverage, fraction) <= optimum_m + 1e-6
 
 
 def test_what_may_stay_unseen_is_what_saves_most():
-    prices, dearest, weight = (
+    prices, highest, weight = (
         np.array([5.0, 9.0, 1.0, 6.0]),
         np.array([6.0, 9.0, 1.5, 8.0]),
         np.array([1.0, 3.0, 1.0, 1.0]),
     )
-    ground = PricedGround(prices, dearest, weight, 2.0)
+    ground = PricedGround(prices, highest, weight, 2.0)
     assert ground.least_length_m(1.0) == pytest.approx(19.0)
     # Of 6 square metres one and a half may stay unseen: all of the fourth cell, and the dearest half of the first.
     assert ground.least_length_m(0.75) == pytest.approx(19.0 - 6.0 - 3.0)

@@ -13,7 +13,7 @@ def with_fault(case: Case, kind: str, rng: np.random.Generator) -> Case | None:
     return _FAULTS[kind](case, rng)
 
 
-def _ways(case: Case) -> list[int]:
+def _waypoints(case: Case) -> list[int]:
     return [number for number, row in enumerate(case.rows, 1) if row[0] in (16, 82)]
 
 
@@ -33,32 +33,32 @@ def _changed(
 def _hill(case: Case, rng: np.random.Generator) -> Case | None:
     if any(row[0] == 177 for row in case.rows):
         return None
-    ways = _ways(case)
-    first = int(rng.integers(1, len(ways)))
+    waypoints = _waypoints(case)
+    first = int(rng.integers(1, len(waypoints)))
     count = int(rng.integers(1, 8))
-    gone = set(ways[first : first + count])
+    gone = set(waypoints[first : first + count])
     return _changed(case, [row for n, row in enumerate(case.rows, 1) if n not in gone], ("ground",), None, 2.0)
 
 
 def _no_fly(case: Case, rng: np.random.Generator) -> Case | None:
     plane = Plane(*case.home)
-    ways = _ways(case)
-    k = int(rng.integers(0, len(ways) - 1))
-    a, b = (plane.to(*case.rows[ways[n] - 1][3:5]) for n in (k, k + 1))
+    waypoints = _waypoints(case)
+    k = int(rng.integers(0, len(waypoints) - 1))
+    a, b = (plane.to(*case.rows[waypoints[n] - 1][3:5]) for n in (k, k + 1))
     length = float(np.hypot(*(b - a)))
-    if length < 12.0 or ways[k + 1] != ways[k] + 1:
+    if length < 12.0 or waypoints[k + 1] != waypoints[k] + 1:
         return None
     u = (b - a) / length
     v = np.array([-u[1], u[0]])
     # Its corner reaches over the leg by 2 to 6 m, between the waypoints.
     middle, over = a + u * length * rng.uniform(0.35, 0.65), rng.uniform(2.0, 6.0)
-    places = [
+    positions = [
         middle - v * over,
         middle + (u - v * 0.2) * 4.0 + v * 30.0,
         middle + v * 60.0,
         middle - u * 4.0 + v * 30.0,
     ]
-    zone = (ring_of(plane, [tuple(place) for place in places]), float(rng.choice([0.0, 10.0])), 300.0)
+    zone = (ring_of(plane, [tuple(position) for position in positions]), float(rng.choice([0.0, 10.0])), 300.0)
     new = dataclasses.replace(case, zone=zone, expected=("no-fly",)).judged()
     assert new.truth is not None
     if new.worst("no-fly") < 0.5:
@@ -69,9 +69,9 @@ def _no_fly(case: Case, rng: np.random.Generator) -> Case | None:
 def _spline(case: Case, rng: np.random.Generator) -> Case | None:
     if case.px4:
         return None
-    ways = _ways(case)
-    first = int(rng.integers(0, len(ways)))
-    chosen = set(ways[first : first + int(rng.integers(1, 6))])
+    waypoints = _waypoints(case)
+    first = int(rng.integers(0, len(waypoints)))
+    chosen = set(waypoints[first : first + int(rng.integers(1, 6))])
     rows = [(82, row[1], NOTHING, *row[3:]) if n in chosen else row for n, row in enumerate(case.rows, 1)]
     # The fence is drawn 5 m around the straight legs, as people draw it.
     plane = Plane(*case.home)
@@ -86,38 +86,38 @@ def _spline(case: Case, rng: np.random.Generator) -> Case | None:
 def _jump(case: Case, rng: np.random.Generator) -> Case | None:
     if any(row[0] == 177 for row in case.rows):
         return None
-    ways = _ways(case)
-    at = int(rng.integers(0, len(ways) - 3))
+    waypoints = _waypoints(case)
+    at = int(rng.integers(0, len(waypoints) - 3))
     over = int(rng.integers(2, 12))
-    if at + over >= len(ways):
+    if at + over >= len(waypoints):
         return None
     # Behind item ``number`` stands the jump, so that what follows is one number later.
-    number, target = ways[at], ways[at + over] + 1
+    number, target = waypoints[at], waypoints[at + over] + 1
     jump: Row = (177, 2, (float(target), 1.0, 0.0, 0.0), 0.0, 0.0, 0.0)
     rows = [*case.rows[:number], jump, *case.rows[number:]]
     return _changed(case, rows, ("ground",), (number, target), 2.0)
 
 
 def _frame(case: Case, rng: np.random.Generator) -> Case | None:
-    ways = _ways(case)
-    chosen = set(ways) if rng.random() < 0.4 else {int(rng.choice(ways))}
+    waypoints = _waypoints(case)
+    chosen = set(waypoints) if rng.random() < 0.4 else {int(rng.choice(waypoints))}
     rows = [(row[0], 3 - row[1], *row[2:]) if n in chosen else row for n, row in enumerate(case.rows, 1)]
     return _changed(case, rows, ("ground", "height"), (min(chosen), max(chosen)), 2.0)  # type: ignore[arg-type]
 
 
 def _feet(case: Case, rng: np.random.Generator) -> Case | None:
-    ways = _ways(case)
-    if any(case.rows[n - 1][1] != 3 for n in ways):
+    waypoints = _waypoints(case)
+    if any(case.rows[n - 1][1] != 3 for n in waypoints):
         return None
     factor = 0.3048 if rng.random() < 0.5 else 1.0 / 0.3048
-    rows = [(*row[:5], row[5] * factor) if n in ways else row for n, row in enumerate(case.rows, 1)]
-    return _changed(case, rows, ("ground", "height"), (ways[0], ways[-1]), 2.0)  # type: ignore[arg-type]
+    rows = [(*row[:5], row[5] * factor) if n in waypoints else row for n, row in enumerate(case.rows, 1)]
+    return _changed(case, rows, ("ground", "height"), (waypoints[0], waypoints[-1]), 2.0)  # type: ignore[arg-type]
 
 
 def _swapped(case: Case, rng: np.random.Generator) -> Case | None:
-    ways = _ways(case)
+    waypoints = _waypoints(case)
     how = rng.random()
-    chosen = set(ways) if how < 0.6 else {int(rng.choice(ways))}
+    chosen = set(waypoints) if how < 0.6 else {int(rng.choice(waypoints))}
     rows = [(*row[:3], row[4], row[3], row[5]) if n in chosen else row for n, row in enumerate(case.rows, 1)]
     everything = how < 0.3
     items = (0, 0) if everything else (min(chosen), max(chosen))

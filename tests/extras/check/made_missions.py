@@ -208,7 +208,7 @@ def good_mission(terrain: Terrain, rng: np.random.Generator) -> Case | None:
     target = rng.uniform(42.0, 65.0)
     points = [np.array([0.0, 0.0, home_m + 60.0])]
     for corner in corners[1:]:
-        points += _way(
+        points += _path(
             ground, plane, points[-1], np.array([*corner, ground_height_m(ground, plane, corner) + target]), target
         )
         if len(points) > 90:
@@ -216,7 +216,7 @@ def good_mission(terrain: Terrain, rng: np.random.Generator) -> Case | None:
     px4, above_home = bool(rng.random() < 0.4), bool(rng.random() < 0.7)
     returns = bool(rng.random() < 0.5)
     if not returns:
-        points += _way(ground, plane, points[-1], points[0], target)
+        points += _path(ground, plane, points[-1], points[0], target)
     frame, base = (3, home_m) if above_home else (0, 0.0)
     rows: list[Row] = [(22, 3, NOTHING, 0.0 if not px4 else home[0], 0.0 if not px4 else home[1], 60.0)]
     for point in points[1:]:
@@ -239,7 +239,7 @@ def ground_height_m(ground: FileGround, plane: Plane, en: np.ndarray) -> float:
     return float(ground.height_m(np.array([lat]), np.array([lon]))[0])
 
 
-def _way(
+def _path(
     ground: FileGround, plane: Plane, a: np.ndarray, b: np.ndarray, target: float, depth: int = 0
 ) -> list[np.ndarray]:
     """Points after a up to b, with more between them until every leg keeps a narrower band."""
@@ -250,7 +250,7 @@ def _way(
         return [b]
     middle = (a + b) / 2.0
     middle[2] = ground_height_m(ground, plane, middle) + target
-    return [*_way(ground, plane, a, middle, target, depth + 1), *_way(ground, plane, middle, b, target, depth + 1)]
+    return [*_path(ground, plane, a, middle, target, depth + 1), *_path(ground, plane, middle, b, target, depth + 1)]
 
 
 def _with_limits(
@@ -298,8 +298,8 @@ def least_time_s(
     )
 
 
-def ring_of(plane: Plane, places: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    return tuple((lon, lat) for lat, lon in (plane.back(x, y) for x, y in places))
+def ring_of(plane: Plane, positions: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    return tuple((lon, lat) for lat, lon in (plane.back(x, y) for x, y in positions))
 
 
 def _splines(case: Case, rng: np.random.Generator) -> tuple[Row, ...] | None:

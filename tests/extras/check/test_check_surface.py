@@ -25,13 +25,13 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 
 def mission(folder: Path, rows: tuple[Row, ...], home: tuple[float, float] = HOME) -> Path:
-    def place(metres: tuple[float, float] | None) -> str:
+    def position(metres: tuple[float, float] | None) -> str:
         lon, lat = (0.0, 0.0) if metres is None else lon_lat(*metres)
         return f"{lat:.9f}\t{lon:.9f}"
 
-    lines = ["QGC WPL 110", f"0\t1\t0\t16\t0\t0\t0\t0\t{place(home)}\t{ground_height_m(*home):.3f}\t1"]
+    lines = ["QGC WPL 110", f"0\t1\t0\t16\t0\t0\t0\t0\t{position(home)}\t{ground_height_m(*home):.3f}\t1"]
     for number, (frame, command, at, height) in enumerate(rows, 1):
-        lines.append(f"{number}\t0\t{frame}\t{command}\t0\t0\t0\t0\t{place(at)}\t{height}\t1")
+        lines.append(f"{number}\t0\t{frame}\t{command}\t0\t0\t0\t0\t{position(at)}\t{height}\t1")
     file = folder / "m.waypoints"
     file.write_text("\n".join(lines) + "\n")
     return file
@@ -93,19 +93,19 @@ def test_what_trees_hide_is_not_seen(cli: Cli, tmp_path: Path, models: Any) -> N
     )  # fmt: skip
     file = mission(tmp_path, rows)
     west, south, east, north = (*lon_lat(210.0, 190.0), *lon_lat(290.0, 210.0))
-    seen = []
+    observed = []
     for more in ((), ("--dsm", models.surface)):
         ended = cli(
             "check", file, "--dem", models.ground, *more, "--area", f"{west},{south},{east},{north}", "--camera",
             "dji-m3e", "--picture-every", "5m", "--json",
         )  # fmt: skip
-        seen.append(ended.document["view"])
-    assert seen[0]["coverage_fraction"] == pytest.approx(1.0, abs=0.01)
-    assert seen[0]["hidden_m2"] == 0.0
+        observed.append(ended.document["view"])
+    assert observed[0]["coverage_fraction"] == pytest.approx(1.0, abs=0.01)
+    assert observed[0]["hidden_m2"] == 0.0
     # The wood begins at 250 m: half of the area lies under it, and a strip beside it behind it.
-    assert seen[1]["hidden_m2"] / seen[1]["area_m2"] == pytest.approx(0.5, abs=0.04)
+    assert observed[1]["hidden_m2"] / observed[1]["area_m2"] == pytest.approx(0.5, abs=0.04)
     assert stands_m(np.array([260.0]), np.array([200.0]))[0] == WOOD_M
-    assert 0.35 <= seen[1]["coverage_fraction"] <= 0.52
+    assert 0.35 <= observed[1]["coverage_fraction"] <= 0.52
 
 
 def test_surface_models_that_cannot_be_meant(cli: Cli, tmp_path: Path, models: Any) -> None:

@@ -14,7 +14,7 @@ import uavcover
 from tests.cli.conftest import Cli
 from tests.naive.file_ground import FileGround
 from tests.naive.mission_check import Plane
-from tests.naive.pictures import count
+from tests.naive.photos import count
 from tests.naive.plan_coverage import trigger
 
 DATA = Path(uavcover.__file__).parent / "data"
@@ -27,15 +27,15 @@ FREE = ("--dem", DEM, "--return-height", "150m", "--max-height", "none")
 
 
 def lines_over_the_area(count_of_lines: int = 8) -> list[tuple[float, float]]:
-    places = []
+    positions = []
     for k in range(count_of_lines):
         lon = HOME[1] + 0.0001 + k * 0.0003
         ends = [(HOME[0] + 0.0003, lon), (HOME[0] + 0.0020, lon)]
-        places += ends if k % 2 == 0 else ends[::-1]
-    return places
+        positions += ends if k % 2 == 0 else ends[::-1]
+    return positions
 
 
-def survey(file: Path, places: list[tuple[float, float]], begin: str, end: str) -> Path:
+def survey(file: Path, positions: list[tuple[float, float]], begin: str, end: str) -> Path:
     """Lines with one item after the first place and one after the last, as "command p1 p2 p3 p5"."""
     rows = [
         "QGC WPL 110",
@@ -47,7 +47,7 @@ def survey(file: Path, places: list[tuple[float, float]], begin: str, end: str) 
         command, p1, p2, p3, p5 = text.split()
         return f"{len(rows) - 1}\t0\t2\t{command}\t{p1}\t{p2}\t{p3}\t0\t{p5}\t0\t0\t1"
 
-    for number, (lat, lon) in enumerate(places):
+    for number, (lat, lon) in enumerate(positions):
         rows.append(f"{len(rows) - 1}\t0\t3\t16\t0\t0\t0\t0\t{lat:.7f}\t{lon:.7f}\t{HEIGHT_M}\t1")
         if number == 0 and begin:
             rows.append(deed(begin))
@@ -58,7 +58,7 @@ def survey(file: Path, places: list[tuple[float, float]], begin: str, end: str) 
     return file
 
 
-def naive_view(places: list[tuple[float, float]], step_m: float = 4.0) -> dict[str, float]:
+def naive_view(positions: list[tuple[float, float]], step_m: float = 4.0) -> dict[str, float]:
     """Share of the area seen, pictures of a point, ground sample distance: every picture against every place."""
     row = tomllib.loads((DATA / "cameras.toml").read_text())["dji-m3e"]
     across, along = (0.5 * side / row["focal_length_mm"] for side in row["sensor_mm"])
@@ -72,7 +72,7 @@ def naive_view(places: list[tuple[float, float]], step_m: float = 4.0) -> dict[s
         return ground.height_m(*plane.back(en[:, 0], en[:, 1]))
 
     alt = float(height(np.zeros((1, 2)))[0]) + HEIGHT_M
-    route = [(*plane.to(*place), alt) for place in places]
+    route = [(*plane.to(*position), alt) for position in positions]
     eyes, headings = trigger(route, EVERY_M, step_m=0.05)
     middle = plane.to(*CENTRE)
     axis = np.arange(-RADIUS_M, RADIUS_M, step_m)
@@ -83,25 +83,25 @@ def naive_view(places: list[tuple[float, float]], step_m: float = 4.0) -> dict[s
     normals = np.column_stack([-slopes[0], -slopes[1], np.ones(len(en))])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     yaws = np.degrees(np.arctan2(headings[:, 0], headings[:, 1]))
-    pictures, best, _ = count(camera, height, eyes, yaws, np.column_stack([en, height(en)]), normals)
+    photos, best, _ = count(camera, height, eyes, yaws, np.column_stack([en, height(en)]), normals)
     shown = best[np.isfinite(best)]
     return {
-        "taken": len(eyes), "seen": float((pictures > 0).mean()), "median": float(np.median(pictures)),
+        "taken": len(eyes), "seen": float((photos > 0).mean()), "median": float(np.median(photos)),
         "sample_m": float(np.median(shown)) if len(shown) else math.nan,
     }  # fmt: skip
 
 
 @pytest.mark.parametrize("lines", [8, 2])
 def test_the_view_equals_a_count_that_shares_nothing(cli: Cli, tmp_path: Path, lines: int) -> None:
-    places = lines_over_the_area(lines)
-    file = survey(tmp_path / "m.waypoints", places, f"206 {EVERY_M} 0 1 0", "206 0 0 0 0")
+    positions = lines_over_the_area(lines)
+    file = survey(tmp_path / "m.waypoints", positions, f"206 {EVERY_M} 0 1 0", "206 0 0 0 0")
     ended = cli("check", file, *FREE, "--area", AREA, "--camera", "dji-m3e", "--json", code=0)
-    told, own = ended.document["view"], naive_view(places)
-    assert told["pictures"] == pytest.approx(own["taken"], abs=1), "the naive trigger is up to 5 cm late each time"
-    assert told["coverage_fraction"] == pytest.approx(own["seen"], abs=0.01)
-    assert told["pictures_median"] == pytest.approx(own["median"], abs=1.0)
-    assert told["ground_sample_median_m"] == pytest.approx(own["sample_m"], rel=0.01)
-    assert (told["coverage_fraction"] < 0.9) == (lines == 2)
+    reported, own = ended.document["view"], naive_view(positions)
+    assert reported["pictures"] == pytest.approx(own["taken"], abs=1), "the naive trigger is up to 5 cm late each time"
+    assert reported["coverage_fraction"] == pytest.approx(own["seen"], abs=0.01)
+    assert reported["pictures_median"] == pytest.approx(own["median"], abs=1.0)
+    assert reported["ground_sample_median_m"] == pytest.approx(own["sample_m"], rel=0.01)
+    assert (reported["coverage_fraction"] < 0.9) == (lines == 2)
 
 
 def test_a_camera_that_waits_for_a_condition_is_not_proved(cli: Cli, tmp_path: Path) -> None:
@@ -117,25 +117,25 @@ def test_a_camera_that_waits_for_a_condition_is_not_proved(cli: Cli, tmp_path: P
 
 def test_too_little_is_a_finding_and_on_the_map(cli: Cli, tmp_path: Path) -> None:
     file = survey(tmp_path / "m.waypoints", lines_over_the_area(3), f"206 {EVERY_M} 0 1 0", "206 0 0 0 0")
-    seen = tmp_path / "seen.geojson"
+    observed = tmp_path / "seen.geojson"
     ended = cli(
         "check", file, *FREE, "--area", AREA, "--camera", "dji-m3e", "--coverage", "0.98", "--overlap", "75/70", "--json",
-        "--map", seen,
+        "--map", observed,
      code=1)  # fmt: skip
     assert [one["kind"] for one in ended.document["findings"] if one["weight"] == "breaks"] == ["coverage", "overlap"]
-    (unseen,) = [
-        each for each in json.loads(seen.read_text())["features"] if each["properties"].get("kind") == "unseen"
+    (unobserved,) = [
+        each for each in json.loads(observed.read_text())["features"] if each["properties"].get("kind") == "unseen"
     ]
     plane = Plane(*HOME)
     shape = shapely.transform(
-        shapely.geometry.shape(unseen["geometry"]), lambda xy: np.array([plane.to(y, x) for x, y in xy])
+        shapely.geometry.shape(unobserved["geometry"]), lambda xy: np.array([plane.to(y, x) for x, y in xy])
     )
     missing = 1.0 - ended.document["view"]["coverage_fraction"]
     assert shape.area == pytest.approx(missing * math.pi * RADIUS_M**2, rel=0.05)
 
 
 @pytest.mark.parametrize(
-    ("begin", "end", "options", "pictures"),
+    ("begin", "end", "options", "photos"),
     [
         ("", "", (), 0),
         ("206 15 0 1 0", "206 0 0 0 0", ("--gsd", "0.5cm"), 27),
@@ -145,12 +145,12 @@ def test_too_little_is_a_finding_and_on_the_map(cli: Cli, tmp_path: Path) -> Non
     ],
 )
 def test_whatever_takes_the_pictures(
-    cli: Cli, tmp_path: Path, begin: str, end: str, options: tuple[str, ...], pictures: int
+    cli: Cli, tmp_path: Path, begin: str, end: str, options: tuple[str, ...], photos: int
 ) -> None:
     file = survey(tmp_path / "m.waypoints", lines_over_the_area(2), begin, end)
     ended = cli("check", file, *FREE, "--area", AREA, "--camera", "dji-m3e", "--json", *options)
-    assert ended.document["view"]["pictures"] == pytest.approx(pictures, abs=1)
-    assert (ended.code == 1) == (pictures == 0)
+    assert ended.document["view"]["pictures"] == pytest.approx(photos, abs=1)
+    assert (ended.code == 1) == (photos == 0)
     if "--gsd" in options:
         assert ended.document["view"]["coverage_fraction"] == 0.0
 

@@ -30,7 +30,7 @@ from tests.extras.check.worlds import (
     mission,
     ridge_ground,
     up,
-    way,
+    waypoint,
     world,
 )  # fmt: skip
 from uavcover.errors import InputError
@@ -63,7 +63,7 @@ def found(outcome: Checked, weight: str = "breaks") -> list[tuple[str, tuple[int
     return [(one.kind, one.items) for one in outcome.findings if one.weight == weight]
 
 
-OVER = (up(), way(300.0, 0.0, 115.0), way(600.0, 0.0, 115.0), home())
+OVER = (up(), waypoint(300.0, 0.0, 115.0), waypoint(600.0, 0.0, 115.0), home())
 
 
 def test_a_good_mission_passes() -> None:
@@ -73,12 +73,12 @@ def test_a_good_mission_passes() -> None:
 
 
 def test_a_ridge_between_two_points() -> None:
-    outcome = checked(up(), way(300.0, 0.0, 60.0), way(500.0, 0.0, 60.0), home())
+    outcome = checked(up(), waypoint(300.0, 0.0, 60.0), waypoint(500.0, 0.0, 60.0), home())
     (leg, *_) = [one for one in outcome.findings if one.kind == "ground"]
     assert (leg.items, leg.weight) == ((2, 3), "breaks")
     assert leg.by == pytest.approx(50.0, abs=0.1), "40 m in the ridge, 10 m are to be kept"
-    place = FRAME.enu_from_geodetic(leg.lat_deg, leg.lon_deg, leg.alt_amsl_m)[0]
-    assert place == pytest.approx([400.0, 0.0, 60.0], abs=0.1)
+    position = FRAME.enu_from_geodetic(leg.lat_deg, leg.lon_deg, leg.alt_amsl_m)[0]
+    assert position == pytest.approx([400.0, 0.0, 60.0], abs=0.1)
 
 
 def test_the_band() -> None:
@@ -87,7 +87,7 @@ def test_the_band() -> None:
 
 
 def test_unknown_ground_is_not_proved() -> None:
-    outcome = checked(up(), way(-1450.0, 0.0, 60.0), way(-1600.0, 0.0, 60.0), home(), aircraft=COPTER)
+    outcome = checked(up(), waypoint(-1450.0, 0.0, 60.0), waypoint(-1600.0, 0.0, 60.0), home(), aircraft=COPTER)
     assert outcome.verdict == "not proved"
     assert {kind for kind, _ in found(outcome, "unknown")} == {"no-elevation"}
 
@@ -147,16 +147,18 @@ def test_no_fly_zones_have_floor_and_ceiling(floor_agl_m: float, ceiling_amsl_m:
 
 
 def test_legs_through_one_zone_are_one_finding() -> None:
-    legs = [way(430.0 + 5.0 * k, 0.0, 115.0) for k in range(9)]
+    legs = [waypoint(430.0 + 5.0 * k, 0.0, 115.0) for k in range(9)]
     near = NoFly(center_lon_lat_deg=lat_lon(450.0, 8.0)[::-1], radius_m=9.0, name="N")
     outcome = checked(OVER[0], *legs, zones=(zone(None, None), near))
     assert [one for one in found(outcome) if one[0] == "no-fly"] == [("no-fly", (4, 8)), ("no-fly", (5, 7))]
 
 
 def test_a_return_behind_a_ridge() -> None:
-    outcome = checked(*OVER[:3], way(600.0, 100.0, 60.0), item(Command.NAV_LAND, 600.0, 100.0, 0.0), aircraft=COPTER)
+    outcome = checked(
+        *OVER[:3], waypoint(600.0, 100.0, 60.0), item(Command.NAV_LAND, 600.0, 100.0, 0.0), aircraft=COPTER
+    )
     assert found(outcome) == [("return", (3, 4))]
-    assert found(checked(*OVER[:3], way(600.0, 100.0, 60.0), item(Command.NAV_LAND, 600.0, 100.0, 0.0))) == []
+    assert found(checked(*OVER[:3], waypoint(600.0, 100.0, 60.0), item(Command.NAV_LAND, 600.0, 100.0, 0.0))) == []
 
 
 L_SHAPE = [(-50.0, -50.0), (650.0, -50.0), (650.0, 400.0), (560.0, 400.0), (560.0, 50.0), (-50.0, 50.0)]
@@ -164,7 +166,7 @@ L_SHAPE = [(-50.0, -50.0), (650.0, -50.0), (650.0, 400.0), (560.0, 400.0), (560.
 
 def test_a_return_out_of_the_fence_and_into_a_zone() -> None:
     """A place in the arm of an L: the legs keep to the fence, the straight return cuts the corner."""
-    legs = (*OVER[:3], way(600.0, 350.0, 115.0), way(600.0, 0.0, 115.0), home())
+    legs = (*OVER[:3], waypoint(600.0, 350.0, 115.0), waypoint(600.0, 0.0, 115.0), home())
     outcome = checked(*legs, fence=fence(L_SHAPE))
     assert found(outcome) == [("return-fence", (3, 5))]
     (out,) = [one for one in outcome.findings if one.kind == "return-fence"]
@@ -201,15 +203,15 @@ def test_obstacles() -> None:
     assert (near.kind, near.items) == ("obstacle", (2, 3))
     assert near.by == pytest.approx(3.0, abs=0.1), "the leg is 7 m above its top"
     assert "mast" in near.what
-    place = FRAME.enu_from_geodetic(near.lat_deg, near.lon_deg, near.alt_amsl_m)[0]
-    assert abs(place[0] - 480.0) < 16.0
+    position = FRAME.enu_from_geodetic(near.lat_deg, near.lon_deg, near.alt_amsl_m)[0]
+    assert abs(position[0] - 480.0) < 16.0
     # Beside: 12 m away is room enough, 8 m is not.
     assert found(checked(*OVER, obstacles=(tower(300.0, north_m=17.0),))) == []
     assert ("obstacle", (2, 4)) in found(checked(*OVER, obstacles=(tower(300.0, north_m=13.0),)))
     free = Limits(max_height_agl_m=None, obstacle_clearance_m=7.0)
     assert found(checked(*OVER, obstacles=(tower(300.0, north_m=13.0),), limits=free)) == []
     # Only the return, 130 m above home, comes near to a tower that no leg passes.
-    there = (*OVER[:3], way(600.0, 350.0, 115.0), way(600.0, 0.0, 115.0), home())
+    there = (*OVER[:3], waypoint(600.0, 350.0, 115.0), waypoint(600.0, 0.0, 115.0), home())
     assert found(checked(*there, obstacles=(tower(125.0, 300.0, 175.0),))) == [("return-obstacle", (3, 5))]
 
 
@@ -243,7 +245,7 @@ def test_a_battery_and_the_wind() -> None:
 
 
 def test_time_of_wings_in_wind() -> None:
-    path = flown_path(mission(up(50.0), way(900.0, 0.0, 50.0)), world(), PLANE)
+    path = flown_path(mission(up(50.0), waypoint(900.0, 0.0, 50.0)), world(), PLANE)
     climb_s = 50.0 / PLANE.max_climb_m_s
     assert flight_time_s(path, PLANE, 0.0) == pytest.approx(climb_s + 900.0 / 15.0, rel=1e-3)
     assert flight_time_s(path, PLANE, 5.0) == pytest.approx(climb_s + 900.0 / 10.0, rel=1e-3)
@@ -251,10 +253,15 @@ def test_time_of_wings_in_wind() -> None:
 
 
 def test_wings_need_room() -> None:
-    steep = checked(up(), way(200.0, 0.0, 115.0), way(220.0, 0.0, 180.0), home(), aircraft=PLANE)
+    steep = checked(up(), waypoint(200.0, 0.0, 115.0), waypoint(220.0, 0.0, 180.0), home(), aircraft=PLANE)
     assert ("climb", (2, 3)) in found(steep)
     back = checked(
-        up(), way(300.0, 0.0, 115.0), way(320.0, 0.0, 115.0), way(300.0, 10.0, 115.0), home(), aircraft=PLANE
+        up(),
+        waypoint(300.0, 0.0, 115.0),
+        waypoint(320.0, 0.0, 115.0),
+        waypoint(300.0, 10.0, 115.0),
+        home(),
+        aircraft=PLANE,
     )
     assert ("turn", (3, 4)) in found(back, "look")
 
@@ -299,27 +306,27 @@ def test_places_that_nobody_means() -> None:
 @pytest.mark.parametrize(
     ("made", "word"),
     [
-        (lambda e, h: way(e, 0.0, h + HOME_M), "height above sea level"),
-        (lambda e, h: way(e, 0.0, h, Frame.AMSL), "height above home"),
-        (lambda e, h: way(e, 0.0, h / 0.3048), "feet"),
+        (lambda e, h: waypoint(e, 0.0, h + HOME_M), "height above sea level"),
+        (lambda e, h: waypoint(e, 0.0, h, Frame.AMSL), "height above home"),
+        (lambda e, h: waypoint(e, 0.0, h / 0.3048), "feet"),
     ],
 )
 def test_why_heights_may_be_wrong(made, word: str) -> None:
     limits = Limits(max_height_agl_m=120.0)
     outcome = checked(up(), made(300.0, 115.0), made(500.0, 115.0), home(), limits=limits)
-    told = [one.what for one in outcome.findings if one.kind in ("ground", "height")]
-    assert any(word in what for what in told), told
+    reported = [one.what for one in outcome.findings if one.kind in ("ground", "height")]
+    assert any(word in what for what in reported), reported
 
 
 def test_heights_above_terrain_are_not_for_px4() -> None:
     px4 = Aircraft(autopilot="px4", return_height_m=130.0)
-    low = way(300.0, 0.0, 50.0, Frame.ABOVE_TERRAIN)
+    low = waypoint(300.0, 0.0, 50.0, Frame.ABOVE_TERRAIN)
     assert ("frame", (2, 2)) in found(checked(up(), low, home(), aircraft=px4))
     assert ("frame", (2, 2)) in found(checked(up(), low, home()), "look")
 
 
 def test_every_finding_says_what_to_do() -> None:
-    outcome = checked(up(), way(300.0, 0.0, 60.0), way(500.0, 0.0, 60.0), home(), fence=fence(SHORT))
+    outcome = checked(up(), waypoint(300.0, 0.0, 60.0), waypoint(500.0, 0.0, 60.0), home(), fence=fence(SHORT))
     assert all(one.what and one.do for one in outcome.findings)
     assert (
         shapely.Point(LON, LAT).distance(shapely.Point(outcome.findings[0].lon_deg, outcome.findings[0].lat_deg)) < 0.1
@@ -329,7 +336,7 @@ def test_every_finding_says_what_to_do() -> None:
 @pytest.mark.parametrize(
     "made",
     [
-        way(300.0, 0.0, 1e9),
+        waypoint(300.0, 0.0, 1e9),
         item(Command.NAV_LOITER_TURNS, 300.0, 0.0, 115.0, params=(1e6, 0.0, 20.0, 0.0)),
         item(Command.NAV_LOITER_TURNS, 300.0, 0.0, 115.0, params=(1.0, 0.0, -1e9, 0.0)),
         command(Command.DO_CHANGE_SPEED, 1.0, 1e9),
@@ -352,9 +359,9 @@ def test_what_a_stranger_would_write() -> None:
     assert found(checked(*OVER, fence=fence(SQUARE[::-1]))) == []
     aside = Fence(circles=(FenceCircle(LatLon(*lat_lon(450.0, 31.0)), 30.0, False),))
     assert found(checked(*OVER, fence=aside)) == []
-    deep = checked(up(), way(300.0, 0.0, -400.0), home())
+    deep = checked(up(), waypoint(300.0, 0.0, -400.0), home())
     assert ("ground", (1, 2)) in found(deep)
-    mixed = (up(), way(300.0, 0.0, 115.0), way(500.0, 0.0, HOME_M + 40.0, Frame.AMSL), home())
+    mixed = (up(), waypoint(300.0, 0.0, 115.0), waypoint(500.0, 0.0, HOME_M + 40.0, Frame.AMSL), home())
     assert ("ground", (2, 3)) in found(checked(*mixed))
     splines = (up(115.0), *(item(Command.NAV_SPLINE_WAYPOINT, east, 0.0, 115.0) for east in (300.0, 600.0)))
     assert found(checked(*splines)) == []
@@ -398,7 +405,7 @@ def test_a_rally_point_outside_the_fence() -> None:
 
 def test_a_rally_point_behind_a_ridge() -> None:
     """Nearer than home, with a ridge in between: the way there hits it at a height at which the way home is clear."""
-    legs = (up(), way(300.0, 0.0, 60.0), way(300.0, 200.0, 60.0), way(0.0, 0.0, 60.0), home())
+    legs = (up(), waypoint(300.0, 0.0, 60.0), waypoint(300.0, 200.0, 60.0), waypoint(0.0, 0.0, 60.0), home())
     low = Aircraft(return_height_m=60.0)
     behind = rally_at(520.0, 0.0, 30.0)
     assert found(rally_outcome(legs=legs, aircraft=low)) == []
@@ -412,7 +419,7 @@ def test_a_rally_point_behind_a_ridge() -> None:
 
 
 def test_issue_31968_a_final_height_above_home_is_in_the_ground_of_a_higher_rally_point() -> None:
-    legs = (up(), way(300.0, 0.0, 115.0), way(0.0, 0.0, 115.0), home())
+    legs = (up(), waypoint(300.0, 0.0, 115.0), waypoint(0.0, 0.0, 115.0), home())
     on_top = rally_at(400.0, 0.0, 105.0)
     parameters = {"RTL_ALT_FINAL": 1000.0}
     outcome = rally_outcome(on_top, legs=legs, parameters=parameters)

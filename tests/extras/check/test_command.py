@@ -44,10 +44,10 @@ def test_a_hill_in_the_way(cli: Cli, tmp_path: Path) -> None:
 
 
 def test_a_home_without_a_height_is_on_the_ground_there(cli: Cli, tmp_path: Path) -> None:
-    def item(command: int, *place: float) -> dict[str, object]:
+    def item(command: int, *position: float) -> dict[str, object]:
         return {
             "type": "SimpleItem", "command": command, "frame": 3, "autoContinue": True, "doJumpId": 1,
-            "params": [0, 0, 0, None, *place],
+            "params": [0, 0, 0, None, *position],
         }  # fmt: skip
 
     items = [item(22, 0, 0, 40), item(16, 36.4770, -84.2160, 70), item(16, 36.4770, -84.2150, 70), item(20, 0, 0, 0)]
@@ -122,16 +122,16 @@ TOWER = (
 )
 
 
-@pytest.mark.parametrize("told", [60.0, 61.0, 20.0])
-def test_obstacles_of_map_programs(cli: Cli, tmp_path: Path, told: float) -> None:
+@pytest.mark.parametrize("reported", [60.0, 61.0, 20.0])
+def test_obstacles_of_map_programs(cli: Cli, tmp_path: Path, reported: float) -> None:
     """The silo stands on the leg from item 2 to item 3, whose height is 70 m above home."""
     kml = tmp_path / "silo.kml"
-    kml.write_text(TOWER.replace(",60", f",{told}"))
-    data = f'<ExtendedData><Data name="height_m"><value>{told}</value></Data></ExtendedData><Polygon>'
+    kml.write_text(TOWER.replace(",60", f",{reported}"))
+    data = f'<ExtendedData><Data name="height_m"><value>{reported}</value></Data></ExtendedData><Polygon>'
     flat = tmp_path / "flat.kml"
     flat.write_text(TOWER.replace("relativeToGround", "clampToGround").replace("<Polygon>", data))
     ring = [[float(number) for number in corner.split(",")[:2]] for corner in CORNERS.split()]
-    feature = {"type": "Feature", "properties": {"height_m": told, "name": "silo"}}
+    feature = {"type": "Feature", "properties": {"height_m": reported, "name": "silo"}}
     plain = tmp_path / "silo.geojson"
     plain.write_text(json.dumps({**feature, "geometry": {"type": "Polygon", "coordinates": [ring]}}))
     outcomes = []
@@ -143,7 +143,9 @@ def test_obstacles_of_map_programs(cli: Cli, tmp_path: Path, told: float) -> Non
             [(one["kind"], one["items"], one["what"], round(one["by"], 2)) for one in ended.document["findings"]]
         )
     assert outcomes[0] == outcomes[1] == outcomes[2]
-    assert [row[:2] for row in outcomes[0] if row[0] == "obstacle"] == ([] if told == 20.0 else [("obstacle", [2, 3])])
+    assert [row[:2] for row in outcomes[0] if row[0] == "obstacle"] == (
+        [] if reported == 20.0 else [("obstacle", [2, 3])]
+    )
 
 
 @pytest.mark.parametrize(
@@ -244,11 +246,11 @@ def test_routes_of_points_have_a_take_off_and_no_home(cli: Cli, tmp_path: Path, 
 
 
 def test_a_long_mission_is_split_and_each_part_is_checked(cli: Cli, tmp_path: Path) -> None:
-    ways = [f"16 36.47{70 + k % 2} -84.21{60 - k // 2} 70" for k in range(14)]
-    file = mission(tmp_path, "22 0 0 70", *ways, "20 0 0 0")
+    waypoints = [f"16 36.47{70 + k % 2} -84.21{60 - k // 2} 70" for k in range(14)]
+    file = mission(tmp_path, "22 0 0 70", *waypoints, "20 0 0 0")
     options = ("--dem", DEM, "--return-height", "90m", "--max-height", "none", "--max-items", "12", "--json")
-    told = cli("check", file, *options, code=1)
-    assert [one["kind"] for one in told.document["findings"] if one["weight"] == "breaks"] == ["items"]
+    reported = cli("check", file, *options, code=1)
+    assert [one["kind"] for one in reported.document["findings"] if one["weight"] == "breaks"] == ["items"]
     ended = cli("check", file, *options, "--fix", "-o", tmp_path / "part.waypoints", code=0)
     names = [one["file"] for one in ended.document["parts"]]
     assert names == [str(tmp_path / f"part-{k}.waypoints") for k in range(1, len(names) + 1)]

@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from mission_io.model.items import LAST_NAVIGATION, Command, Frame, MissionItem
 from tests.extras.check.test_checks import HIGH, OVER, checked
-from tests.extras.check.worlds import COPTER, HOME_M, LAT, LON, PLANE, command, home, item, mission, up, way, world
+from tests.extras.check.worlds import COPTER, HOME_M, LAT, LON, PLANE, command, home, item, mission, up, waypoint, world
 from uavcover.extras.check.flown_path import flown_path
 from uavcover.extras.check.item_checks import DEFINED, impossible_numbers, value_findings
 from uavcover.extras.check.world import Aircraft
@@ -21,7 +21,7 @@ def circle(turns: float, radius_m: float) -> MissionItem:
     return item(TURNS, 100.0, 0.0, 60.0, params=(turns, 0.0, radius_m, 0.0))
 
 
-def told(one: MissionItem, aircraft: Aircraft = COPTER, *more: MissionItem) -> list[tuple[str, str]]:
+def reported(one: MissionItem, aircraft: Aircraft = COPTER, *more: MissionItem) -> list[tuple[str, str]]:
     flight = mission(up(), one, *more)
     return [(found.weight, found.what) for found in value_findings(flight, aircraft, flight.home)]
 
@@ -41,7 +41,7 @@ def told(one: MissionItem, aircraft: Aircraft = COPTER, *more: MissionItem) -> l
         (circle(300.0, 20.0), COPTER, "breaks", "keeps only 255"),
         (item(Command.NAV_LOITER_TIME, 100.0, 0.0, 60.0, params=(7e4, 0.0, 0.0, 0.0)), COPTER, "breaks", "keeps only 65535"),
         (circle(2.0, 3000.0), COPTER, "breaks", "keeps only 2550 m"),
-        (dataclasses.replace(way(100.0, 0.0, 60.0), frame=Frame.COMMAND), COPTER, "breaks", "frame 2"),
+        (dataclasses.replace(waypoint(100.0, 0.0, 60.0), frame=Frame.COMMAND), COPTER, "breaks", "frame 2"),
         (MissionItem(Command.NAV_TAKEOFF, Frame.COMMAND, alt_m=40.0), COPTER, "breaks", "frame 2"),
         (MissionItem(179, Frame.ABOVE_HOME, (0.0, 0.0, 0.0, 0.0), LAT + 0.01, LON, 0.0), COPTER, "unknown", "moves home"),
         (MissionItem(179, Frame.AMSL, (0.0, 0.0, 0.0, 0.0), LAT, LON, HOME_M + 30.0), COPTER, "unknown", "moves home"),
@@ -58,11 +58,11 @@ def told(one: MissionItem, aircraft: Aircraft = COPTER, *more: MissionItem) -> l
         (MissionItem(30001, Frame.ABOVE_HOME, (0.0, 0.0, 0.0, 0.0), LAT, LON, 50.0), COPTER, "unknown", "drop its payload"),
         (MissionItem(31000, Frame.ABOVE_HOME, (0.0, 0.0, 0.0, 0.0), LAT, LON, 50.0), COPTER, "unknown", "does not define"),
         (command(31999), PX4, "unknown", "MAVLink does not define what command 31999 does"),
-        (dataclasses.replace(way(100.0, 0.0, 60.0), autocontinue=False), PX4, "look", "autocontinue"),
+        (dataclasses.replace(waypoint(100.0, 0.0, 60.0), autocontinue=False), PX4, "look", "autocontinue"),
     ],
 )  # fmt: skip
 def test_it_is_told(one: MissionItem, aircraft: Aircraft, weight: str, word: str) -> None:
-    ((found_weight, what),) = told(one, aircraft)
+    ((found_weight, what),) = reported(one, aircraft)
     assert found_weight == weight
     assert word in what
 
@@ -92,18 +92,18 @@ def test_every_command_that_mavlink_defines_is_known() -> None:
         (MissionItem(179, Frame.AMSL, (0.0, 0.0, 0.0, 0.0), LAT, LON, HOME_M), COPTER),
         (command(207, 1.0), COPTER),
         (command(208, 1.0), COPTER),
-        (dataclasses.replace(way(100.0, 0.0, 60.0), autocontinue=False), COPTER),
-        (way(100.0, 0.0, math.nan), PX4),
+        (dataclasses.replace(waypoint(100.0, 0.0, 60.0), autocontinue=False), COPTER),
+        (waypoint(100.0, 0.0, math.nan), PX4),
     ],
 )
 def test_it_is_fine(one: MissionItem, aircraft: Aircraft) -> None:
-    assert told(one, aircraft) == []
+    assert reported(one, aircraft) == []
 
 
 def test_px4_refuses_two_land_starts_and_ardupilot_takes_them() -> None:
     starts = (command(189), command(189))
-    assert [weight for weight, _ in told(starts[0], PX4, starts[1])] == ["breaks"]
-    assert told(starts[0], PLANE, starts[1]) == []
+    assert [weight for weight, _ in reported(starts[0], PX4, starts[1])] == ["breaks"]
+    assert reported(starts[0], PLANE, starts[1]) == []
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,9 @@ def test_numbers_that_nobody_flies(one: MissionItem) -> None:
 
 
 def test_a_speed_of_nothing_is_the_default_of_px4_and_nothing_to_arducopter() -> None:
-    flight = mission(up(), command(178, 1.0, 9.0), way(100.0, 0.0, 60.0), command(178, 1.0, 0.0), way(200.0, 0.0, 60.0))
+    flight = mission(
+        up(), command(178, 1.0, 9.0), waypoint(100.0, 0.0, 60.0), command(178, 1.0, 0.0), waypoint(200.0, 0.0, 60.0)
+    )
     for aircraft, then in ((COPTER, 9.0), (PX4, PX4.cruise_speed_m_s)):
         assert [s.speed_m_s for s in flown_path(flight, world(), aircraft).segments[1:]] == [9.0, then]
 
@@ -132,10 +134,10 @@ def test_a_jump_that_flies_nowhere(begin: float, times: float) -> None:
 
 
 def test_items_that_are_never_flown() -> None:
-    outcome = checked(*OVER, way(300.0, 50.0, 115.0), way(300.0, 90.0, 115.0))
+    outcome = checked(*OVER, waypoint(300.0, 50.0, 115.0), waypoint(300.0, 90.0, 115.0))
     (found,) = [one for one in outcome.findings if one.kind == "order"]
     assert (found.weight, found.items) == ("look", (5, 6))
-    skips = checked(OVER[0], command(177, 4.0, -1.0), way(300.0, 50.0, 115.0), *OVER[1:])
+    skips = checked(OVER[0], command(177, 4.0, -1.0), waypoint(300.0, 50.0, 115.0), *OVER[1:])
     assert [one.items for one in skips.findings if one.kind == "order"] == [(3, 3)]
     assert not [one for one in checked(*OVER, aircraft=HIGH).findings if one.kind == "order"]
 

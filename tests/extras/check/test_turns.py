@@ -10,7 +10,7 @@ import shapely
 
 from mission_io.model.items import Command, Fence, FenceCircle, LatLon
 from tests.extras.check.test_checks import checked, found
-from tests.extras.check.worlds import COPTER, PLANE, command, home, item, lat_lon, mission, up, way, world
+from tests.extras.check.worlds import COPTER, PLANE, command, home, item, lat_lon, mission, up, waypoint, world
 from tests.naive import turn as naive
 from uavcover.extras.check.flown_path import flown_path
 from uavcover.extras.check.turns import circle, spline, straight, turns_of
@@ -21,7 +21,7 @@ EARLY = dataclasses.replace(PLANE, acceptance_m=60.0, return_height_m=130.0)
 
 @pytest.mark.parametrize("turn_deg", [20.0, 60.0, -90.0, 130.0, -165.0])
 def test_both_ways_round_a_corner(turn_deg: float) -> None:
-    legs = up(100.0), way(0.0, -1.0, 100.0), way(0.0, 500.0, 100.0), way(
+    legs = up(100.0), waypoint(0.0, -1.0, 100.0), waypoint(0.0, 500.0, 100.0), waypoint(
         -500.0 * math.sin(math.radians(turn_deg)), 500.0 + 500.0 * math.cos(math.radians(turn_deg)), 100.0
     )  # fmt: skip
     whole = mission(*legs)
@@ -39,17 +39,23 @@ def test_both_ways_round_a_corner(turn_deg: float) -> None:
 
 def test_ground_that_only_a_late_turn_hits() -> None:
     """The ridge begins 15 m beside the leg, and its top is 50 m above it."""
-    legs = up(50.0), way(0.0, -300.0, 50.0), way(335.0, -300.0, 50.0), way(335.0, 0.0, 50.0), way(0.0, 0.0, 50.0)
+    legs = (
+        up(50.0),
+        waypoint(0.0, -300.0, 50.0),
+        waypoint(335.0, -300.0, 50.0),
+        waypoint(335.0, 0.0, 50.0),
+        waypoint(0.0, 0.0, 50.0),
+    )
     plane = dataclasses.replace(EARLY, turn_radius_m=60.0, acceptance_m=20.0)
-    told = [one for one in checked(*legs, aircraft=plane).findings if one.kind == "ground"]
-    assert told
-    assert all("in the turn at this item" in one.what for one in told)
+    reported = [one for one in checked(*legs, aircraft=plane).findings if one.kind == "ground"]
+    assert reported
+    assert all("in the turn at this item" in one.what for one in reported)
     assert not [one for one in checked(*legs, aircraft=COPTER).findings if one.kind == "ground"]
 
 
 def test_a_cut_corner_and_the_fence() -> None:
     circle = Fence(circles=(FenceCircle(LatLon(*lat_lon(-285.0, 285.0)), 10.0, False),))
-    legs = up(50.0), way(0.0, 300.0, 50.0), way(-300.0, 300.0, 50.0), way(-300.0, 0.0, 50.0), home()
+    legs = up(50.0), waypoint(0.0, 300.0, 50.0), waypoint(-300.0, 300.0, 50.0), waypoint(-300.0, 0.0, 50.0), home()
     cut = [one.items for one in checked(*legs, aircraft=EARLY, fence=circle).findings if one.kind == "fence"]
     assert cut == [(2, 4)]
     assert not [one for one in checked(*legs, fence=circle).findings if one.kind == "fence"]
@@ -58,7 +64,13 @@ def test_a_cut_corner_and_the_fence() -> None:
 def test_the_acceptance_radius_of_px4() -> None:
     px4 = dataclasses.replace(default_aircraft("px4", "multirotor"), return_height_m=130.0)
     circle = Fence(circles=(FenceCircle(LatLon(*lat_lon(-290.0, 290.0)), 8.0, False),))
-    legs = [up(115.0), way(0.0, 300.0, 115.0), way(-300.0, 300.0, 115.0), way(-300.0, 0.0, 115.0), home()]
+    legs = [
+        up(115.0),
+        waypoint(0.0, 300.0, 115.0),
+        waypoint(-300.0, 300.0, 115.0),
+        waypoint(-300.0, 0.0, 115.0),
+        home(),
+    ]
     assert not [one for one in checked(*legs, aircraft=px4, fence=circle).findings if one.kind == "fence"]
     # The arc of a radius of 30 m comes 12 m nearer to the inside of the corner than the corner itself.
     legs[2] = dataclasses.replace(legs[2], params=(0.0, 30.0, 0.0, math.nan))
@@ -76,13 +88,13 @@ def test_radius_by_speed_and_bank() -> None:
 def test_more_speed_than_the_vehicle_makes() -> None:
     slow = dataclasses.replace(COPTER, max_airspeed_m_s=9.0, return_height_m=130.0)
     assert ("speed", (0, 4)) in found(
-        checked(up(), way(300.0, 0.0, 115.0), way(600.0, 0.0, 115.0), home(), aircraft=slow)
+        checked(up(), waypoint(300.0, 0.0, 115.0), waypoint(600.0, 0.0, 115.0), home(), aircraft=slow)
     )
 
 
 def test_more_speed_than_any_multirotor_makes() -> None:
     at_99 = command(int(Command.DO_CHANGE_SPEED), 1.0, 99.0, -1.0)
-    legs = up(), at_99, way(300.0, 0.0, 115.0), way(600.0, 0.0, 115.0), home()
+    legs = up(), at_99, waypoint(300.0, 0.0, 115.0), waypoint(600.0, 0.0, 115.0), home()
     (fast,) = (one for one in checked(*legs).findings if one.kind == "speed")
     assert fast.what == "the mission commands 99 m/s, but multirotors fly at most 30 m/s"
     assert fast.weight == "breaks"
@@ -95,7 +107,7 @@ def test_more_speed_than_any_multirotor_makes() -> None:
 def test_wings_leave_a_circle_where_they_head_for_the_next_place(radius_m: float) -> None:
     """ArduPlane in simulation was 63 m beside a leg from where it had come to the circle."""
     round_it = item(Command.NAV_LOITER_TURNS, 0.0, 300.0, 100.0, params=(1.0, 0.0, radius_m, 0.0))
-    legs = up(100.0), round_it, way(600.0, 300.0, 60.0)
+    legs = up(100.0), round_it, waypoint(600.0, 300.0, 60.0)
     whole = mission(*legs)
     path = flown_path(whole, world(), PLANE)
     out = [one.enu_m for one in turns_of(path, whole, PLANE).segments if one.items == (2, 3)]
@@ -137,8 +149,8 @@ def test_long_vectors_are_shortened_to_four_chords() -> None:
 
 
 def test_a_spline_without_length_stays() -> None:
-    place = np.array([1.0, 2.0, 3.0])
-    assert (spline(place, place, place, place, step_m=1.0) == place).all()
+    position = np.array([1.0, 2.0, 3.0])
+    assert (spline(position, position, position, position, step_m=1.0) == position).all()
 
 
 def test_a_circle_goes_round_as_often_as_it_says() -> None:

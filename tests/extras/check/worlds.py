@@ -41,7 +41,7 @@ def item(
     return MissionItem(command, frame, params, *lat_lon(east_m, north_m), alt_m)
 
 
-def way(east_m: float, north_m: float, alt_m: float, frame: Frame = Frame.ABOVE_HOME) -> MissionItem:
+def waypoint(east_m: float, north_m: float, alt_m: float, frame: Frame = Frame.ABOVE_HOME) -> MissionItem:
     return item(Command.NAV_WAYPOINT, east_m, north_m, alt_m, frame=frame)
 
 

@@ -102,7 +102,7 @@ def test_the_file_is_the_checked_path(sensor: Sensor, file_format: str, autopilo
     assert np.abs(enu_of(site, points) - compiled.path_m).max() < 0.01
     assert {p.speed_m_s for p in points} == {10.0}
     assert_flown_safely(site, enu_of(site, points))
-    assert flight.pictures == (not sensor.looks_along_path or ("frame" in sensor.kind and bool(
+    assert flight.photos == (not sensor.looks_along_path or ("frame" in sensor.kind and bool(
         getattr(sensor, "forward_overlap", None) or getattr(sensor, "trigger_distance_m", None)
     )))  # fmt: skip
 
@@ -144,13 +144,13 @@ def test_each_file_of_a_split_is_a_checked_flight(name: str, most: int, file_for
     assert len(flights) > 1
     if file_format not in READERS:
         return
-    seen = np.vstack([enu_of(site, READERS[file_format](flight.content)) for flight in flights])
+    observed = np.vstack([enu_of(site, READERS[file_format](flight.content)) for flight in flights])
     for flight in flights:
         points = READERS[file_format](flight.content)
         assert len(points) == flight.items <= most
         assert_flown_safely(site, enu_of(site, points))
     # Every planned waypoint is flown; along the path, the legs that a split cuts are joined at a waypoint of both flights.
-    distances = np.linalg.norm(seen[:, None] - route.waypoints_m[None], axis=2)
+    distances = np.linalg.norm(observed[:, None] - route.waypoints_m[None], axis=2)
     assert distances.min(axis=0).max() < 0.01
     assert (distances < 0.01).sum() == len(route) + (len(flights) - 1 if name == "nadir, fixed" else 0)
 
@@ -352,5 +352,5 @@ def test_what_a_file_says_of_itself() -> None:
     site = make_site(hills)
     (flight,) = flight_files(site, there_and_back(site), request("waypoints"))
     assert isinstance(flight, FlightFile)
-    assert flight.pictures is None
+    assert flight.photos is None
     assert flight.highest_m > 60.0

@@ -12,7 +12,7 @@ import pytest
 from tests.missions.test_sorties import there_and_back
 from tests.planner.sites import flat, hills, make_site
 from tests.report.browser import chromium_or_skip
-from uavcover.extras.exports.print_page import MAP_HEIGHT, MAP_WIDTH, clock, place_text, render_print
+from uavcover.extras.exports.print_page import MAP_HEIGHT, MAP_WIDTH, clock, position_text, render_print
 from uavcover.missions.flights import compile_sorties
 from uavcover.missions.mission_compiler import Sortie
 from uavcover.model.limits import NoFly
@@ -61,8 +61,8 @@ def page_of(site: Site, flights: tuple[Sortie, ...], **notes: str) -> str:
     )
 
 
-def places(path: str) -> np.ndarray:
-    return np.array([[float(number) for number in place.split()] for place in path.removeprefix("M").split("L")])
+def positions(path: str) -> np.ndarray:
+    return np.array([[float(number) for number in position.split()] for position in path.removeprefix("M").split("L")])
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +88,7 @@ def test_it_needs_nothing_from_elsewhere_and_runs_nothing(split: tuple[Site, tup
 def drawn_lines(site: Site, flights: tuple[Sortie, ...], stroke_width: str) -> list[np.ndarray]:
     """Lines of one width on the page, one for each flight."""
     paths = [a for tag, a in Elements(page_of(site, flights)).found if tag == "path"]
-    drawn = [places(a["d"]) for a in paths if a.get("stroke-width") == stroke_width]
+    drawn = [positions(a["d"]) for a in paths if a.get("stroke-width") == stroke_width]
     assert len(drawn) == len(flights)
     return drawn
 
@@ -123,7 +123,7 @@ def test_the_profile_keeps_heights_in_proportion(split: tuple[Site, tuple[Sortie
 def test_the_band_is_drawn_over_the_ground(split: tuple[Site, tuple[Sortie, ...]]) -> None:
     site, flights = split
     found = Elements(page_of(site, flights)).found
-    bands = [places(a["d"]) for _, a in found if a.get("class") == "band"]
+    bands = [positions(a["d"]) for _, a in found if a.get("class") == "band"]
     assert len(bands) == 2 * len(flights)
     for low, high in zip(bands[::2], bands[1::2], strict=True):
         assert (low[:, 0] == high[:, 0]).all()
@@ -142,11 +142,11 @@ def test_flights_batteries_and_home_are_told(split: tuple[Site, tuple[Sortie, ..
     assert site.frame is not None
     assert site.home_m is not None
     lat, lon, _ = site.frame.geodetic_from_enu(site.home_m)
-    assert place_text(float(lat[0]), float(lon[0])) in text
+    assert position_text(float(lat[0]), float(lon[0])) in text
     safe = max(sortie.compiled.return_advice.safe_return_height_m for sortie in flights)
-    told = re.search(r"at least (\d+) m above home", text)
-    assert told is not None
-    assert 0.0 <= int(told.group(1)) - safe < 1.0
+    reported = re.search(r"at least (\d+) m above home", text)
+    assert reported is not None
+    assert 0.0 <= int(reported.group(1)) - safe < 1.0
     for word in ("Pilot", "Emergency contact", "Weather window", "Before take-off", "40 to 120 m", "10 m/s"):
         assert word in text
 
@@ -190,8 +190,8 @@ def test_the_camera_in_one_line(sensor: FrameCamera, match: str) -> None:
 
 
 def test_places_of_all_hemispheres() -> None:
-    assert place_text(-33.5, -70.25) == "33.500000° S, 70.250000° W"
-    assert place_text(0.0, 179.9999999) == "0.000000° N, 180.000000° E"
+    assert position_text(-33.5, -70.25) == "33.500000° S, 70.250000° W"
+    assert position_text(0.0, 179.9999999) == "0.000000° N, 180.000000° E"
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(0.0, "0:00"), (59.6, "1:00"), (3599.4, "59:59"), (4000.0, "66:40")])

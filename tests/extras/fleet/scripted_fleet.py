@@ -40,7 +40,7 @@ class Ends:
     """How a sortie ends: after which share of its time, whether its vehicle is known to be down, and when it is heard again."""
 
     ending: Ending = Ending.LANDED
-    share: float = 1.0
+    fraction: float = 1.0
     down: bool = True
     heard_after_s: float | None = None
 
@@ -50,7 +50,7 @@ def job(folder: Path, sortie: int, vehicle: int, planned_s: float) -> Job:
     timeline = out_and_back(150.0, home=(800.0 * vehicle, 0.0, 0.0))
     where = RunFolder(folder / f"sortie-{sortie}")
     where.path.mkdir(parents=True)
-    route, used = Route(timeline.place_m[1:-1]), timeline.duration_s / ENDURANCE_S
+    route, used = Route(timeline.position_m[1:-1]), timeline.duration_s / ENDURANCE_S
     return Job(f"{sortie:03d}", sortie, vehicle, planned_s, where, SITE, route, timeline, used)
 
 
@@ -68,8 +68,8 @@ class ScriptedFlight(FleetFlight):
             clock.wait(1.0)
         ends, began_s = self.script.get(job.name, Ends()), clock.now()
         try:
-            while (aloft_s := clock.now() - began_s) < ends.share * job.timeline.duration_s:
-                self.traffic.moved(job.name, clock.now(), job.timeline.places_m(np.array([aloft_s]))[0])
+            while (aloft_s := clock.now() - began_s) < ends.fraction * job.timeline.duration_s:
+                self.traffic.moved(job.name, clock.now(), job.timeline.positions_m(np.array([aloft_s]))[0])
                 clock.wait(1.0)
             record.outcome = FlightOutcome(
                 ending=ends.ending, waypoints_reached=0, sample_count=0, duration_s=aloft_s, simulated_by=None,

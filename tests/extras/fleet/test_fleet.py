@@ -15,7 +15,7 @@ from uavcover.missions.flights import compile_flights
 from uavcover.missions.objectives import judge
 from uavcover.model.route import Plan, RouteMember
 from uavcover.model.vehicle import Fleet
-from uavcover.planner.plan_files import fleet_document, save_plan, say_fleet
+from uavcover.planner.plan_files import fleet_document, print_fleet, save_plan
 from uavcover.run.documents import read_plan_document
 from uavcover.run.folder import RunFolder
 from uavcover.run.user import Unattended
@@ -57,7 +57,9 @@ def test_a_plan_of_three_vehicles(tmp_path: Path) -> None:
     assert sorted(n for row in document["by_vehicle"] for n in row["sorties"]) == list(range(1, len(flights) + 1))
     for row in document["by_vehicle"]:
         used = [flights[n - 1].compiled.battery_used for n in row["sorties"]]
-        assert row["least_battery_left"] == pytest.approx(1.0 - max(share for share in used if share is not None))
+        assert row["least_battery_left"] == pytest.approx(
+            1.0 - max(fraction for fraction in used if fraction is not None)
+        )
         assert row["least_battery_left"] >= 0.2
         assert row["takeoffs_s"] == sorted(row["takeoffs_s"])
 
@@ -86,7 +88,7 @@ def test_what_is_said_of_the_vehicles() -> None:
     site = fleet_site(2)
     flights = compile_flights(site, there_and_back(site, lines=8))
     user = Listener()
-    say_fleet(user, fleet_document(site, flights))
+    print_fleet(user, fleet_document(site, flights))
     *rows, total = user.lines
     assert [row.split()[:2] for row in rows] == [["vehicle", "1"], ["vehicle", "2"]]
     assert total.startswith("2 vehicles: mission completed after ")
@@ -96,7 +98,7 @@ def test_what_is_said_of_the_vehicles() -> None:
 def test_one_vehicle_has_nothing_to_say() -> None:
     site = fleet_site(1)
     user = Listener()
-    say_fleet(user, fleet_document(site, compile_flights(site, there_and_back(site))))
+    print_fleet(user, fleet_document(site, compile_flights(site, there_and_back(site))))
     assert user.lines == []
     assert all(flight.start_s is None for flight in compile_flights(site, there_and_back(site)))
 
@@ -107,7 +109,7 @@ def test_more_vehicles_than_help_are_told() -> None:
     document = fleet_document(site, flights)
     assert document is not None
     user = Listener()
-    say_fleet(user, document)
+    print_fleet(user, document)
     used = len(document["by_vehicle"])
     assert (f"{used} of 4 vehicles" in " ".join(user.lines)) == (used < 4)
     assert used < 4
@@ -116,10 +118,10 @@ def test_more_vehicles_than_help_are_told() -> None:
 def test_a_fleet_without_a_mission() -> None:
     site = fleet_site(2)
     document = fleet_document(site, ())
-    ways = {"one_at_a_time": False, "launch_points": False}
-    assert document == {"vehicles": 2, "alike": True, "separation_m": 20.0, **ways}
+    paths = {"one_at_a_time": False, "launch_points": False}
+    assert document == {"vehicles": 2, "alike": True, "separation_m": 20.0, **paths}
     user = Listener()
-    say_fleet(user, document)
+    print_fleet(user, document)
     assert user.lines == []
 
 

@@ -48,9 +48,9 @@ def test_a_flight_that_keeps_it_is_flown_to_the_end(use: float, mission_s: float
 
 
 def test_it_does_not_come_home_much_too_early() -> None:
-    left, share = flown(1.3, use_home=1.3, mission_s=480.0)
+    left, fraction = flown(1.3, use_home=1.3, mission_s=480.0)
     assert left <= 45.0
-    assert share >= 0.25
+    assert fraction >= 0.25
 
 
 def test_no_way_home_is_shorter_than_the_mission_itself() -> None:
@@ -62,13 +62,13 @@ def test_no_way_home_is_shorter_than_the_mission_itself() -> None:
 
 
 def watch(monkeypatch: pytest.MonkeyPatch, percent: int | None, *, free: bool = True) -> ReserveWatch:
-    monkeypatch.setattr("uavcover.extras.fleet.sortie.way_home", lambda *_: (np.zeros((2, 3)), 60.0))
+    monkeypatch.setattr("uavcover.extras.fleet.sortie.return_path", lambda *_: (np.zeros((2, 3)), 60.0))
     status = None if percent is None else SimpleNamespace(battery_remaining_percent=percent)
     connected: Any = SimpleNamespace(monitor=SimpleNamespace(latest=lambda _: status))
     traffic: Any = SimpleNamespace(
         lands_s=lambda _: 200.0,
-        place_m=lambda _: np.zeros(3),
-        give_way_home=lambda *_, within_s: free and within_s == 80.0,
+        position_m=lambda _: np.zeros(3),
+        give_return=lambda *_, within_s: free and within_s == 80.0,
     )
     job: Any = SimpleNamespace(name="001", site=SITE, battery_used=0.8, timeline=SimpleNamespace(duration_s=240.0))
     return ReserveWatch(job, connected, traffic)

@@ -30,7 +30,7 @@ from uavcover.sensing.site_maps import fleet_map, judging_map, map_for
 
 assert no_recording_of_single_flights  # a fixture that every flight here uses
 NARROW = NadirCamera(kind="nadir-camera", fov_deg=40.0, range_m=200.0, max_incidence_deg=75.0)
-PICTURES = FrameCamera(
+PHOTOS = FrameCamera(
     kind="frame-camera", fov_across_deg=60.0, fov_along_deg=45.0, range_m=200.0, pixels_across=4000, forward_overlap=0.3
 )
 
@@ -49,7 +49,7 @@ def site_of_sensors(folder: Path, *own: NadirCamera | FrameCamera | None) -> Sit
 def planned(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
     """Vehicle 1 takes pictures, vehicle 2 has the camera of the scenario."""
     folder = tmp_path_factory.mktemp("sensors")
-    site = site_of_sensors(folder, PICTURES, None)
+    site = site_of_sensors(folder, PHOTOS, None)
     outcome = plan_into(request(folder / "run", site), Listener(), check_site=lambda _: None)
     assert outcome.exit_code == 0
     return RunFolder(folder / "run")
@@ -94,14 +94,16 @@ def test_each_part_is_planned_for_its_sensor(planned: RunFolder) -> None:
     assert load_scenario(planned.file("scenario.toml")) == site.scenario
     assert "forward_overlap" in dump_scenario(site.scenario)
     jobs = {job.vehicle: job for job in planned_jobs(planned, 2)}
-    assert jobs[1].site.scenario.sensor == PICTURES
+    assert jobs[1].site.scenario.sensor == PHOTOS
     assert jobs[2].site.scenario.sensor == site.scenario.sensor
     trigger = "\t206\t"  # DO_SET_CAM_TRIGG_DIST
     assert trigger not in jobs[2].folder.file("mission.waypoints").read_text()
     assert trigger in jobs[1].folder.file("mission.waypoints").read_text()
-    seen = np.logical_or.reduce([judging_map(job.site).seen(job.route.waypoints_m) for job in jobs.values()], axis=0)
+    observed = np.logical_or.reduce(
+        [judging_map(job.site).observed(job.route.waypoints_m) for job in jobs.values()], axis=0
+    )
     metrics = planned.read_json("plan.json", made_by="test")["metrics"]
-    assert metrics["coverage_fraction"] == judging_map(site).share(seen)
+    assert metrics["coverage_fraction"] == judging_map(site).fraction(observed)
     with pytest.raises(InfeasibleError, match="it requires a sensor that the remaining vehicles do not have"):
         time_for(jobs[2], jobs[2].route, jobs[1].site)
 
@@ -117,18 +119,18 @@ def test_it_is_flown_and_judged_by_each_ones_sensor(planned: RunFolder, tmp_path
     with pytest.raises(FleetFailedError) as failed:
         fly(run, Hangar(2, make), user)
     assert any("remains unflown, as a gap: it requires a sensor" in line for line in user.lines)
-    told = failed.value.details()
+    reported = failed.value.details()
     document = judged(run)
     whole = next(job for job in planned_jobs(planned, 2) if job.vehicle == 2)
     own = judging_map(whole.site)
-    least = own.share(own.seen(whole.route.waypoints_m))
+    least = own.fraction(own.observed(whole.route.waypoints_m))
     assert least - 0.02 < document["coverage_fraction"] < document["planned_coverage_fraction"]
     gaps_track = run.path / "gaps" / "track.csv"
     # The gap mission is vehicle 1's, with its camera.
     gaps, mission = read_planned(RunFolder(run.path / "gaps"))
-    assert told["gaps"]["gaps"] > 0
-    assert gaps.scenario.sensor == PICTURES
+    assert reported["gaps"]["gaps"] > 0
+    assert gaps.scenario.sensor == PHOTOS
     eyes = judging_map(gaps)
-    assert eyes.share(eyes.seen(mission.route.waypoints_m)) > 0.5 * (1.0 - document["coverage_fraction"])
+    assert eyes.fraction(eyes.observed(mission.route.waypoints_m)) > 0.5 * (1.0 - document["coverage_fraction"])
     # Flown from there, it is judged by that camera together with the others.
-    assert site_for(gaps_track, run, load_site(load_scenario(run.file("scenario.toml")))).scenario.sensor == PICTURES
+    assert site_for(gaps_track, run, load_site(load_scenario(run.file("scenario.toml")))).scenario.sensor == PHOTOS

@@ -97,8 +97,8 @@ def copied(run: RunFolder, tmp_path: Path) -> RunFolder:
 
 def fly(run: RunFolder, hangar: Hangar, user: Listener, **options: Any) -> tuple[bool, dict[str, Any]]:
     flight = FlightOptions(utc_offset_s=0.0)
-    asked = FleetOptions(flight=flight, opening=hangar.open, clocks=hangar.clocks, **options)
-    return fly_fleet(run, hangar.links(), user, asked, command=["test"])
+    requested = FleetOptions(flight=flight, opening=hangar.open, clocks=hangar.clocks, **options)
+    return fly_fleet(run, hangar.links(), user, requested, command=["test"])
 
 
 class Presses(Listener):

@@ -29,7 +29,7 @@ from uavcover.mock.faults import Fault, FaultKind, FaultTrigger, Since
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.limits import Home, NoFly
 from uavcover.model.route import Route
-from uavcover.planner.plan_files import fleet_document, say_fleet
+from uavcover.planner.plan_files import fleet_document, print_fleet
 from uavcover.planner.sortie_order.reorder import _done_s
 from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.run.documents import read_planned
@@ -79,11 +79,11 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
     return plan_for(folder / "run", site, lines_over(site))
 
 
-def mock(number: int, sortie: int, site: Site, place: GeoPoint | None = None, **config: Any) -> MockVehicle:
+def mock(number: int, sortie: int, site: Site, position: GeoPoint | None = None, **config: Any) -> MockVehicle:
     vehicle = site.scenario.vehicle
     return MockVehicle(
         PX4 if vehicle.autopilot == "px4" else ARDUPILOT,
-        place or home_of(site),
+        position or home_of(site),
         MockConfig(settings=Settings.for_vehicle(vehicle), battery=BatteryData(), system_id=number, **config),
         rng=np.random.default_rng(10 * number + sortie),
     )
@@ -104,7 +104,7 @@ def test_each_takes_off_and_lands_at_its_own_home(planned: RunFolder) -> None:
         rally = kept["rallyPoints"]["points"]
         assert all(point[:2] == pytest.approx([home["lat_deg"], home["lon_deg"]], abs=1e-3) for point in rally)
         assert each.site.frame is not None
-        begins = each.site.frame.geodetic_from_enu(each.timeline.place_m[[0, -1]])
+        begins = each.site.frame.geodetic_from_enu(each.timeline.position_m[[0, -1]])
         assert np.allclose(begins[0], home["lat_deg"], atol=1e-7)
         assert np.allclose(begins[1], home["lon_deg"], atol=1e-7)
         frames.add(each.site.frame)
@@ -142,16 +142,16 @@ def test_one_vehicle_flies_one_flight_at_a_time_from_its_launch_points(tmp_path:
     for refuse in (lambda: first_sorties(run, 2), lambda: planned_jobs(run, 2)):
         with pytest.raises(InputError, match=r"one sortie at a time; use one --to, and --sortie N"):
             refuse()
-    say_fleet(user, fleet_document(site, flights))
+    print_fleet(user, fleet_document(site, flights))
     assert [line.split("sorties")[0].strip() for line in user.lines[:2]] == ["from home", "from launch point 1"]
     assert user.lines[2].startswith("one sortie at a time: mission completed after ")
 
 
 def test_it_is_flown_and_judged_by_each_ones_home(planned: RunFolder, tmp_path: Path) -> None:
     run, user = copied(planned, tmp_path), Listener()
-    ended, told = fly(run, Hangar(2, mock), user)
+    ended, reported = fly(run, Hangar(2, mock), user)
     assert not ended
-    assert {row["ending"] for row in told["sorties"]} == {"landed"}
+    assert {row["ending"] for row in reported["sorties"]} == {"landed"}
     document = judged(run)
     assert document["verdict"] == "passed", document["reasons"] + document["doubts"]
     assert not document["findings"]  # such as a take-off far from the scenario's home
@@ -191,11 +191,11 @@ def test_what_one_leaves_is_a_checked_gap_mission(planned: RunFolder, tmp_path: 
 
     with pytest.raises(FleetFailedError) as failed:
         fly(run, Hangar(2, make), user, on_loss=OnLoss.GAPS)
-    told = failed.value.details()
-    assert len(told["left"]) == 1
+    reported = failed.value.details()
+    assert len(reported["left"]) == 1
     assert any("planning a gap mission for the remaining route of the lost vehicle" in line for line in user.lines)
     gaps = RunFolder(run.path / "gaps")
-    assert told["gaps"]["gaps"] > 0
+    assert reported["gaps"]["gaps"] > 0
     site, mission = read_planned(gaps)
     compile_mission(site, mission.route)  # every leg is checked
     assert (gaps.path / "mission.waypoints").read_text().startswith("QGC WPL")
@@ -216,7 +216,7 @@ def test_links_in_another_order_are_refused(planned: RunFolder, tmp_path: Path) 
         fly(run, Hangar(2, swapped), Listener())
 
     def elsewhere(number: int, sortie: int, site: Site) -> MockVehicle:
-        return mock(number, sortie, site, place=home_of(sites[3 - number]))
+        return mock(number, sortie, site, position=home_of(sites[3 - number]))
 
     hangar = Hangar(2, elsewhere)
     with pytest.raises(
@@ -245,7 +245,7 @@ def test_a_vehicle_that_reaches_nothing_stays_on_the_ground(tmp_path: Path) -> N
     flights = compile_flights(site, route)
     assert {flight.vehicle for flight in flights} == {1, 3}
     document, listener = fleet_document(site, flights), Listener()
-    say_fleet(listener, document)
+    print_fleet(listener, document)
     assert any(line.startswith("vehicle 2  stays on the ground") for line in listener.lines)
     run = plan_for(tmp_path / "run", site, route)
     assert {each.vehicle for each in planned_jobs(run, 3)} == {1, 3}
@@ -257,9 +257,9 @@ def test_a_vehicle_that_reaches_nothing_stays_on_the_ground(tmp_path: Path) -> N
 
 
 def test_nobody_looks_for_a_vehicle_that_stays_on_the_ground(tmp_path: Path) -> None:
-    told = fly_script([job(tmp_path, 1, 1, 0.0), job(tmp_path, 2, 3, 0.0)], {})
-    assert told.landed() == {"001", "002"}
-    assert told.flight.board.rows[2].does == "stays on the ground"
+    reported = fly_script([job(tmp_path, 1, 1, 0.0), job(tmp_path, 2, 3, 0.0)], {})
+    assert reported.landed() == {"001", "002"}
+    assert reported.flight.board.rows[2].does == "stays on the ground"
 
 
 def test_a_part_that_nobody_reaches_is_named(tmp_path: Path) -> None:

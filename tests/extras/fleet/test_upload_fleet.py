@@ -71,23 +71,23 @@ def test_nothing_is_sent_when_the_second_is_not_ready(
     folder: Path, wrong: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sent: list[str] = []
-    seen = 0
+    observed = 0
 
     @contextmanager
     def second_is_wrong(*arguments: Any) -> Iterator[Connected]:
-        nonlocal seen
-        seen += 1
-        if seen == 2 and wrong == "silent":
+        nonlocal observed
+        observed += 1
+        if observed == 2 and wrong == "silent":
             raise VehicleError("nobody answers")
         with connect(*arguments) as vehicle:
-            if seen == 2 and wrong == "armed":
+            if observed == 2 and wrong == "armed":
                 armed = dataclasses.replace(vehicle.client.vehicle, armed=True)
                 yield dataclasses.replace(vehicle, client=SimpleNamespace(vehicle=armed))
             else:
                 yield vehicle
 
     def check_home(*_: Any) -> None:
-        if seen == 2 and wrong == "elsewhere":
+        if observed == 2 and wrong == "elsewhere":
             raise VehicleError("its home is elsewhere")
 
     monkeypatch.setattr(module, "connect", second_is_wrong)

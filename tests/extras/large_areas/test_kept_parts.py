@@ -23,7 +23,7 @@ class Searchers:
     """Who searches, and dies after so many parts."""
 
     def __init__(self, *, dies_after: int = 1000) -> None:
-        self.asked: list[int] = []
+        self.required: list[int] = []
         self.left = dies_after
 
     def __call__(self, site: Site, tasks: Sequence[PartTask]) -> Iterator[tuple[PartTask, np.ndarray]]:
@@ -32,7 +32,7 @@ class Searchers:
             if self.left == 0:
                 raise UavcoverError("the scheduler stopped")
             self.left -= 1
-            self.asked.append(task.number)
+            self.required.append(task.number)
             yield task, route_of(task)
 
 
@@ -59,7 +59,7 @@ def test_what_was_done_when_it_was_killed_is_not_done_again(tmp_path, site) -> N
         found(kept_in(tmp_path, Searchers(dies_after=3)), tasks(), site)
     again = Searchers()
     routes = found(kept_in(tmp_path, again), tasks(), large())
-    assert again.asked == [3]
+    assert again.required == [3]
     assert all(np.array_equal(routes[task.number], route_of(task)) for task in tasks())
 
 
@@ -78,7 +78,7 @@ def test_nothing_is_taken_for_the_answer_to_another_task(tmp_path, site, changes
     found(kept_in(tmp_path, Searchers()), tasks(), site)
     again = Searchers()
     found(kept_in(tmp_path, again), tasks(**changes), site)
-    assert again.asked == [0, 1, 2, 3]
+    assert again.required == [0, 1, 2, 3]
 
 
 def test_another_ground_or_scenario_is_another_task(tmp_path, site) -> None:
@@ -86,7 +86,7 @@ def test_another_ground_or_scenario_is_another_task(tmp_path, site) -> None:
     for other in (large(requirements={"max_gap_s": 3.0}), large(cell_m=11.0)):
         again = Searchers()
         found(kept_in(tmp_path, again), tasks(), other)
-        assert again.asked == [0, 1, 2, 3]
+        assert again.required == [0, 1, 2, 3]
     up_m = site.ground.surface.up_m.copy()
     up_m[3, 5] += 0.001
     raised = dataclasses.replace(
@@ -94,7 +94,7 @@ def test_another_ground_or_scenario_is_another_task(tmp_path, site) -> None:
     )
     again = Searchers()
     found(kept_in(tmp_path, again), tasks(), raised)
-    assert again.asked == [0, 1, 2, 3]
+    assert again.required == [0, 1, 2, 3]
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_a_damaged_file_is_made_again(tmp_path, site, damage) -> None:
     broken.write_bytes(damage(broken.read_bytes()))
     again = Searchers()
     routes = found(kept_in(tmp_path, again), tasks(), site)
-    assert again.asked == [2]
+    assert again.required == [2]
     assert np.array_equal(routes[2], route_of(tasks()[2]))
     assert found(kept_in(tmp_path, Searchers(dies_after=0)), tasks(), site).keys() == {0, 1, 2, 3}
 

@@ -9,7 +9,7 @@ from uavcover.extras.large_areas.divided_plan import (
     MIB,
     MemoryNeed,
     at_a_time_within,
-    in_words,
+    count_text,
     memory_need,
     parts_within,
 )
@@ -28,8 +28,10 @@ def site() -> Site:
 
 
 def within(limit: int, **changes: int | bool) -> int:
-    asked = {"parts": 1, "most_parts": 1000, "given": False, **changes}
-    return parts_within(NEED, limit, parts=asked["parts"], most_parts=asked["most_parts"], given=bool(asked["given"]))
+    required = {"parts": 1, "most_parts": 1000, "given": False, **changes}
+    return parts_within(
+        NEED, limit, parts=required["parts"], most_parts=required["most_parts"], given=bool(required["given"])
+    )
 
 
 def test_more_memory_means_fewer_parts_and_none_breaks_the_limit() -> None:
@@ -122,6 +124,6 @@ def test_other_sizes_are_refused(text: str) -> None:
 
 
 def test_sizes_in_words_are_never_less() -> None:
-    assert [in_words(size) for size in (1.0, 10.0 * MIB, 10.1 * MIB, 1.01 * GIB, 16.0 * GIB)] == [
+    assert [count_text(size) for size in (1.0, 10.0 * MIB, 10.1 * MIB, 1.01 * GIB, 16.0 * GIB)] == [
         "10 MiB", "10 MiB", "20 MiB", "1.1 GiB", "16.0 GiB",
     ]  # fmt: skip

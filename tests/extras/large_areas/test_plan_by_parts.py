@@ -63,8 +63,8 @@ def test_the_joined_route_is_judged_as_any_plan(plan_of_large: Plan) -> None:
     assert plan.chosen.violation == 0.0
     assert plan.chosen.metrics.coverage_of_coverable >= 0.95
     fine = judging_map(large())
-    assert plan.chosen.metrics.coverage_of_coverable == fine.share_of_coverable(
-        fine.seen(plan.chosen.route.waypoints_m)
+    assert plan.chosen.metrics.coverage_of_coverable == fine.fraction_of_coverable(
+        fine.observed(plan.chosen.route.waypoints_m)
     )
     assert {member.origin for member in plan.baselines} == {
         "boustrophedon", "boustrophedon-tuned", "boustrophedon-return",
@@ -159,17 +159,17 @@ def test_along_the_seams_every_cell_is_asked_of_one_part(number) -> None:
     routes = [np.column_stack([line, site.ground.ups_m(np.array(line, float), 100.0)]) for line in lines]
     tasks = tasks_of(site, areas, routes, 0.9, round_number=number, seed=1, evaluations=1, budget_s=None)
     whole = CoverageMap(site, cell_size_m=10.0)
-    asked = [PartCells(task).asked(whole).coverable for task in tasks]
-    assert np.array_equal(np.sum(asked, axis=0), whole.coverable.astype(int))
-    seen = [whole.seen(route) for route in routes]
+    required = [PartCells(task).required(whole).coverable for task in tasks]
+    assert np.array_equal(np.sum(required, axis=0), whole.coverable.astype(int))
+    observed = [whole.observed(route) for route in routes]
     inside = [shapely.contains_xy(area, *whole.grid.middles_m.T) for area in areas]
-    for k, cells in enumerate(asked):
+    for k, cells in enumerate(required):
         # Whoever is asked for a cell sees it; only of those that none sees it is the part in which they lie.
-        assert not (cells & ~seen[k] & np.logical_or.reduce(seen)).any()
-        assert not (cells & ~seen[k] & ~inside[k]).any()
-    both = whole.coverable & seen[0] & seen[1] & ~seen[2]
+        assert not (cells & ~observed[k] & np.logical_or.reduce(observed)).any()
+        assert not (cells & ~observed[k] & ~inside[k]).any()
+    both = whole.coverable & observed[0] & observed[1] & ~observed[2]
     assert both.any()
-    assert asked[0][both].all() if number == 1 else asked[1][both].all()
+    assert required[0][both].all() if number == 1 else required[1][both].all()
 
 
 def test_the_maps_of_a_part_end_with_its_search() -> None:
@@ -195,9 +195,9 @@ def test_the_first_round_asks_each_part_for_its_own_cells() -> None:
     areas = [shapely.box(0, 0, 333, 500), shapely.box(333, 0, 700, 500)]
     tasks = tasks_of(site, areas, None, 0.9, round_number=0, seed=1, evaluations=1, budget_s=None)
     whole = CoverageMap(site, cell_size_m=10.0)
-    asked = [PartCells(task).asked(whole).coverable for task in tasks]
-    assert not (asked[0] & asked[1]).any()
-    assert np.array_equal(asked[0] | asked[1], whole.coverable)
+    required = [PartCells(task).required(whole).coverable for task in tasks]
+    assert not (required[0] & required[1]).any()
+    assert np.array_equal(required[0] | required[1], whole.coverable)
 
 
 def test_a_stopped_search_has_a_route_through_every_part() -> None:

@@ -46,8 +46,10 @@ def slices(site: Site) -> list[Slice]:
 def whole_routes(site: Site) -> list[np.ndarray]:
     """All that slices can be cut from."""
     first = long_side_angle_rad(site.area)
-    ways = itertools.product((first, first + 0.5 * math.pi), (1 / 32, *TIGHT), (-1, 0, 1))
-    layouts = [layout for angle, share, more in ways for layout in tight_layouts(site, angle, share=share, more=more)]
+    paths = itertools.product((first, first + 0.5 * math.pi), (1 / 32, *TIGHT), (-1, 0, 1))
+    layouts = [
+        layout for angle, fraction, more in paths for layout in tight_layouts(site, angle, fraction=fraction, more=more)
+    ]
     return [fly_tight(site, layout, bend_lines(site, layout)).waypoints_m for layout in layouts]
 
 
@@ -64,8 +66,8 @@ def test_one_behind_the_other_they_are_a_route_over_the_whole_area(site: Site, s
 
 def test_they_see_about_what_is_asked_for_and_keep_the_limits(site: Site, slices: list[Slice]) -> None:
     cells = coarse(site)
-    seen = np.logical_or.reduce([cells.seen(each.begin_m) for each in slices])
-    assert cells.share_of_coverable(seen) > GOAL - 0.04  # what they miss has a price, as have lines
+    observed = np.logical_or.reduce([cells.observed(each.begin_m) for each in slices])
+    assert cells.fraction_of_coverable(observed) > GOAL - 0.04  # what they miss has a price, as have lines
     for each in slices:
         assert measure_violations(site, each.begin_m, margin_m=0.0).total == 0.0
 

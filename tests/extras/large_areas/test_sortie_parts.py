@@ -58,8 +58,8 @@ def test_parts_are_the_area_and_flights_see_what_is_asked_for(site, parts) -> No
     for one, other in itertools.combinations(parts, 2):
         assert one.area.intersection(other.area).area < 1e-6 * site.area.area
     cells = coarse(site)
-    seen = np.logical_or.reduce([cells.seen(part.begin_m) for part in parts])
-    assert cells.share_of_coverable(seen) > 0.945
+    observed = np.logical_or.reduce([cells.observed(part.begin_m) for part in parts])
+    assert cells.fraction_of_coverable(observed) > 0.945
 
 
 def test_flights_begin_and_end_near_home(site, parts) -> None:
@@ -90,16 +90,16 @@ def planned(site: Site, run_tasks, *, or_sorties: bool):
 @pytest.mark.parametrize("worth", [2.0, 0.5])
 def test_parts_are_flights_where_that_is_allowed_and_worth_it(monkeypatch: pytest.MonkeyPatch, worth) -> None:
     monkeypatch.setattr("uavcover.extras.large_areas.plan_by_parts._WORTH", worth)
-    asked: list[list[PartTask]] = []
+    required: list[list[PartTask]] = []
 
     def as_begun(site: Site, tasks):
-        asked.append(list(tasks))
+        required.append(list(tasks))
         for task in tasks:
             yield task, search_part_lines(site, task) if task.route_m is None else task.route_m
 
     site = around_home()
     plan = planned(site, as_begun, or_sorties=True)
-    begun = [task.route_m for task in asked[0]]
+    begun = [task.route_m for task in required[0]]
     if worth < 1.0:
         assert len(begun) == 2
         return

@@ -25,7 +25,7 @@ from mission_io.links.datagrams import UdpLink
 from mission_io.links.simulated import Conditions, LossyLink
 from mission_io.model.items import Command, Fence, FenceCircle, FencePolygon, LatLon, MissionType, RallyPoints
 from mission_io.wire.messages import AutopilotVersion
-from tests.flight.scene import HOME, mission, plan_for, way_home
+from tests.flight.scene import HOME, mission, plan_for, return_mission
 from tests.mission_io.protocol.scripts import items
 from uavcover.extras.mavsdk.session import raw_items
 from uavcover.flight.fly import fly
@@ -90,14 +90,14 @@ def autopilot(request: pytest.FixtureRequest) -> Autopilot:
 
 def test_three_lists_go_across_and_are_read_back_by_both_clients(autopilot):
     with served(autopilot) as (vehicle, port), connected(port) as (client, _):
-        seen: list[tuple[int, int]] = []
+        observed: list[tuple[int, int]] = []
         wanted = mission()
         for content in (wanted, FENCE, RallyPoints(())):
-            verification = client.upload_and_verify(content, progress=lambda *count: seen.append(count))
+            verification = client.upload_and_verify(content, progress=lambda *count: observed.append(count))
             assert verification.passed, verification.differences
         assert len(vehicle.mission_items) == len(wanted.items) + int(autopilot.home_in_item_0)
-        assert seen
-        assert all(isinstance(done, int) and 0 <= done <= total for done, total in seen)
+        assert observed
+        assert all(isinstance(done, int) and 0 <= done <= total for done, total in observed)
         with Client(UdpLink.connecting("127.0.0.1", port), system_id=254) as native:
             native.wait_for_vehicle(20.0)
             for kind in MissionType:
@@ -126,12 +126,15 @@ def test_a_refusal_is_final_and_one_line():
 
 def test_an_upload_is_cancelled(autopilot):
     with served(autopilot) as (_, port), connected(port) as (client, _):
-        seen: list[int] = []
+        observed: list[int] = []
         with pytest.raises(TransferCancelledError, match="cancelled"):
             client.upload(
-                MissionType.MISSION, items(300), progress=lambda done, _: seen.append(done), stop=lambda: len(seen) > 20
+                MissionType.MISSION,
+                items(300),
+                progress=lambda done, _: observed.append(done),
+                stop=lambda: len(observed) > 20,
             )
-        assert seen[-1] < 300
+        assert observed[-1] < 300
         client.upload(MissionType.MISSION, items(5))  # and nothing is left of it
         assert len(client.download(MissionType.MISSION)) == 5
 
@@ -205,7 +208,7 @@ def test_a_whole_flight_by_mavsdk(autopilot):
                 timeouts=FlightTimeouts(),
                 precautions=Precautions(on_breach=OnBreach.TELL),
             ),
-            plan_return=way_home,
+            plan_return=return_mission,
         )
         assert outcome.ending is Ending.LANDED
         assert not vehicle.armed

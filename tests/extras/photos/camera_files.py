@@ -26,7 +26,7 @@ def _sexagesimal(degrees):
 def write_jpeg(
     path,
     *,
-    place=None,
+    position=None,
     alt_m=None,
     below=0,
     time="2026:05:04 10:11:12",
@@ -52,8 +52,8 @@ def write_jpeg(
         details[ExifTags.Base.FocalLengthIn35mmFilm] = film_mm
     details[ExifTags.Base.ExifImageWidth], details[ExifTags.Base.ExifImageHeight] = pixels
     gps = exif.get_ifd(ExifTags.IFD.GPSInfo)
-    if place is not None:
-        lat, lon = place
+    if position is not None:
+        lat, lon = position
         gps[1], gps[2] = "S" if lat < 0 else "N", _sexagesimal(lat)
         gps[3], gps[4] = "W" if lon < 0 else "E", _sexagesimal(lon)
     if satellites is not None:

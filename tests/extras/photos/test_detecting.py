@@ -12,7 +12,7 @@ from tests.planner.sites import HIGH_M, LOW_M, STEP_M, hills, make_site
 from uavcover.extras.photos.showing import Detection, detection_document, detection_doubts, shown_cells
 from uavcover.kernels.coverage import detection_table, look_probability
 from uavcover.new.catalog import CURVES, DetectionCurve
-from uavcover.sensing.pictures import camera_axes
+from uavcover.sensing.photos import camera_axes
 from uavcover.sensing.site_maps import judging_map
 
 SAMPLES_M = [0.02, 0.025, 0.03, 0.05]
@@ -46,7 +46,7 @@ def test_it_equals_brute_force_over_every_look(searched):
     axis = np.arange(LOW_M, HIGH_M + STEP_M / 2, STEP_M)
     between = RegularGridInterpolator((axis, axis), hills(axis[None, :], axis[:, None]))
     cells = coverage.grid.cells
-    best, by_sides, by_pictures, doubtful = naive.found(
+    best, by_sides, by_photos, doubtful = naive.found(
         OBLIQUE, lambda at: between(at[:, ::-1]), eyes_m, yaws_deg, cells.centre_m, cells.normal,
         lambda sample_m, angle_deg: naive.of_one_look(SAMPLES_M, ANGLES_DEG, PROBABILITY, sample_m, angle_deg),
     )  # fmt: skip
@@ -54,7 +54,7 @@ def test_it_equals_brute_force_over_every_look(searched):
     assert sure.mean() > 0.7
     np.testing.assert_allclose(shown.detection.best_look[sure], best[sure], atol=1e-6)
     np.testing.assert_allclose(shown.detection.by_sides[sure], by_sides[sure], atol=1e-6)
-    np.testing.assert_allclose(shown.detection.by_pictures[sure], by_pictures[sure], atol=1e-6)
+    np.testing.assert_allclose(shown.detection.by_photos[sure], by_photos[sure], atol=1e-6)
     assert np.ptp(by_sides[sure]) > 0.3
     assert (by_sides[sure] > best[sure] + 0.05).mean() > 0.2
 
@@ -62,15 +62,15 @@ def test_it_equals_brute_force_over_every_look(searched):
 def test_more_chances_find_more_and_never_less_than_the_best_look(searched):
     found = searched[3].detection
     assert (found.best_look <= found.by_sides + 1e-12).all()
-    assert (found.by_sides <= found.by_pictures + 1e-12).all()
-    assert found.best_look.mean() < found.by_sides.mean() < found.by_pictures.mean()
+    assert (found.by_sides <= found.by_photos + 1e-12).all()
+    assert found.best_look.mean() < found.by_sides.mean() < found.by_photos.mean()
 
 
 @pytest.mark.parametrize(
-    ("independent", "which"), [("none", "best_look"), ("sides", "by_sides"), ("pictures", "by_pictures")]
+    ("independent", "which"), [("none", "best_look"), ("sides", "by_sides"), ("photos", "by_photos")]
 )
 def test_the_curve_says_which_looks_are_chances_of_their_own(independent, which):
-    parts = {"best_look": np.array([0.1]), "by_sides": np.array([0.2]), "by_pictures": np.array([0.3])}
+    parts = {"best_look": np.array([0.1]), "by_sides": np.array([0.2]), "by_photos": np.array([0.3])}
     found = Detection(curve(independent), **parts)
     assert found.pod is parts[which]
 
@@ -79,14 +79,14 @@ def test_pictures_of_one_place_find_no_more_than_one_of_them_unless_each_is_a_ch
     coverage, eyes_m, yaws_deg, once = searched
     twice = shown_cells(coverage, ahead(np.repeat(eyes_m, 2, axis=0), np.repeat(yaws_deg, 2)), curve()).detection
     np.testing.assert_allclose(twice.by_sides, once.detection.by_sides)
-    np.testing.assert_allclose(1.0 - twice.by_pictures, (1.0 - once.detection.by_pictures) ** 2, atol=1e-12)
+    np.testing.assert_allclose(1.0 - twice.by_photos, (1.0 - once.detection.by_photos) ** 2, atol=1e-12)
 
 
 def test_counting_is_the_same_whether_anything_is_searched_or_not(searched):
     coverage, eyes_m, yaws_deg, shown = searched
     plain = shown_cells(coverage, ahead(eyes_m, yaws_deg))
     assert plain.detection is None
-    np.testing.assert_array_equal(plain.pictures, shown.pictures)
+    np.testing.assert_array_equal(plain.photos, shown.photos)
     np.testing.assert_array_equal(plain.coverage.ground_sample_m, shown.coverage.ground_sample_m)
 
 
@@ -119,11 +119,11 @@ def test_the_mean_and_percentiles_weigh_cells_by_their_area():
     values = np.array([0.0, 0.5, 1.0, 0.3])
     found = Detection(curve(), values, values, values)
     drawn = np.array([True, True, True, False])
-    told = detection_document(found, drawn, np.array([1.0, 1.0, 8.0, 99.0]), 0.8)
-    assert told["pod"] == pytest.approx(0.85)
-    assert told["holds"] is True
-    assert told["area_below_m2"] == pytest.approx(2.0)
-    assert told["pod_percentiles"] == {"5": 0.0, "25": 1.0, "50": 1.0, "75": 1.0, "95": 1.0}
+    reported = detection_document(found, drawn, np.array([1.0, 1.0, 8.0, 99.0]), 0.8)
+    assert reported["pod"] == pytest.approx(0.85)
+    assert reported["holds"] is True
+    assert reported["area_below_m2"] == pytest.approx(2.0)
+    assert reported["pod_percentiles"] == {"5": 0.0, "25": 1.0, "50": 1.0, "75": 1.0, "95": 1.0}
     assert detection_document(found, drawn, np.ones(4), 0.8)["holds"] is False
     assert detection_document(found, drawn, np.ones(4), None)["holds"] is None
 

@@ -9,11 +9,11 @@ import rasterio
 
 from tests.extras.photos.camera_files import dji, write_jpeg
 from uavcover.extras.photos.any_flight import evidence_for_flight
+from uavcover.extras.photos.photo import Photo
 from uavcover.extras.photos.photo_judgement import PhotoRequest, judged
-from uavcover.extras.photos.photo_verdict import photo_raster, picture_table
-from uavcover.extras.photos.picture import Picture
+from uavcover.extras.photos.photo_verdict import photo_raster, photo_table
 from uavcover.extras.photos.placing import Assumptions
-from uavcover.extras.photos.readers import PictureSet
+from uavcover.extras.photos.readers import PhotoSet
 from uavcover.model.verdict import combined
 from uavcover.new.command import new_scenario
 from uavcover.new.elevation_questions import NewRequest
@@ -32,25 +32,25 @@ DEM = "uavcover/data/jacksboro.tif"
 def shots(site, route):
     """Where pictures are taken on a route, as name, latitude, longitude, height, yaw and seconds."""
     looks = judging_map(site).observations(route.waypoints_m)
-    lat, lon, alt = site.frame.geodetic_from_enu(looks.places_m)
+    lat, lon, alt = site.frame.geodetic_from_enu(looks.positions_m)
     yaw = np.degrees(np.arctan2(looks.headings[:, 0], looks.headings[:, 1]))
     return list(zip(lat, lon, alt, yaw, 2 * np.arange(len(looks)), strict=True))
 
 
-def take(folder, pictures, *, prefix="DJI"):
+def take(folder, photos, *, prefix="DJI"):
     folder.mkdir(exist_ok=True)
-    for number, (lat, lon, alt, yaw, time_s) in enumerate(pictures):
-        told = dji(
+    for number, (lat, lon, alt, yaw, time_s) in enumerate(photos):
+        reported = dji(
             AbsoluteAltitude=f"{alt:+.3f}", RelativeAltitude="+80.0", GimbalYawDegree=f"{yaw:.2f}",
             GimbalPitchDegree="-90.00", GimbalRollDegree="+0.00", FlightXSpeed="8.0", FlightYSpeed="0.0",
         )  # fmt: skip
         moment = f"2026:05:04 {10 + time_s // 3600:02d}:{time_s // 60 % 60:02d}:{time_s % 60:02d}"
         write_jpeg(
             folder / f"{prefix}_{number:04d}.JPG",
-            place=(lat, lon),
+            position=(lat, lon),
             alt_m=alt,
             time=moment,
-            xmp=told,
+            xmp=reported,
             pixels=(5280, 3956),
         )
 
@@ -65,18 +65,18 @@ def flown(tmp_path_factory):
     return shots(site, fly_layout(site, plain_boustrophedon(site)))
 
 
-ASKED = ("--area", AREA, "--dem", DEM, "--camera", "dji-m3e", "--gsd", "2.5cm", "--overlap", "75/70")
+REQUIRED = ("--area", AREA, "--dem", DEM, "--camera", "dji-m3e", "--gsd", "2.5cm", "--overlap", "75/70")
 
 
 def test_a_whole_survey_passes_and_says_what_is_shown(cli, tmp_path, flown):
     take(tmp_path / "DCIM", flown)
-    told = cli("judge-photos", tmp_path / "DCIM", *ASKED, "-o", tmp_path / "out", "--json", code=0).document
-    assert told["passed"]
-    assert told["counted"] == len(flown)
-    assert told["missing_photos"] == []
-    assert told["overlap_fraction"] >= 0.99
-    assert told["coverage_holds"] == "yes"
-    assert told["refly"] is None
+    reported = cli("judge-photos", tmp_path / "DCIM", *REQUIRED, "-o", tmp_path / "out", "--json", code=0).document
+    assert reported["passed"]
+    assert reported["counted"] == len(flown)
+    assert reported["missing_photos"] == []
+    assert reported["overlap_fraction"] >= 0.99
+    assert reported["coverage_holds"] == "yes"
+    assert reported["refly"] is None
     rows = list(csv.DictReader((tmp_path / "out/pictures.csv").read_text().splitlines()))
     assert len(rows) == len(flown)
     assert float(rows[3]["lat_deg"]) == pytest.approx(flown[3][0], abs=2e-7)
@@ -94,26 +94,28 @@ def test_what_is_missing_is_told_and_the_flight_for_it_makes_it_whole(cli, tmp_p
     take(tmp_path / "DCIM", flown)
     for number in range(third, 2 * third):
         (tmp_path / f"DCIM/DJI_{number:04d}.JPG").unlink()
-    ended = cli("judge-photos", tmp_path / "DCIM", *ASKED, "-o", tmp_path / "out", "--budget", "1s", "--json", code=1)
-    told = ended.document
-    assert told["verdict"] == "failed"
-    assert told["overlap_holds"] is False
-    (stretch,) = told["missing_photos"]
+    ended = cli(
+        "judge-photos", tmp_path / "DCIM", *REQUIRED, "-o", tmp_path / "out", "--budget", "1s", "--json", code=1
+    )
+    reported = ended.document
+    assert reported["verdict"] == "failed"
+    assert reported["overlap_holds"] is False
+    (stretch,) = reported["missing_photos"]
     assert (stretch["after"], stretch["before"]) == (f"DJI_{third - 1:04d}.JPG", f"DJI_{2 * third:04d}.JPG")
     lines = [feature for feature in json.loads((tmp_path / "out/gaps.geojson").read_text())["features"]
              if feature["properties"]["reason"] == "photos-missing"]  # fmt: skip
     assert [feature["geometry"]["type"] for feature in lines] == ["LineString"]
-    assert {gap["reason"] for gap in told["gaps"]} <= {"too-few-looks", "never-in-range", "too-coarse"}
-    lacking_m2 = (1.0 - told["overlap_fraction"]) * told["area_m2"]
-    assert 0.99 * lacking_m2 < sum(gap["area_m2"] for gap in told["gaps"]) < told["area_m2"]
+    assert {gap["reason"] for gap in reported["gaps"]} <= {"too-few-looks", "never-in-range", "too-coarse"}
+    lacking_m2 = (1.0 - reported["overlap_fraction"]) * reported["area_m2"]
+    assert 0.99 * lacking_m2 < sum(gap["area_m2"] for gap in reported["gaps"]) < reported["area_m2"]
     again = tmp_path / "out/refly"
     planned = read_planned_route(RunFolder(again))
     assert planned is not None
     site = load_site(again / "scenario.toml")
     drawn_m2 = area_as_drawn(site).area
-    assert told["refly"]["missing_m2"] <= drawn_m2 < 1.6 * told["refly"]["missing_m2"]
+    assert reported["refly"]["missing_m2"] <= drawn_m2 < 1.6 * reported["refly"]["missing_m2"]
     take(tmp_path / "DCIM", shots(site, planned), prefix="AGAIN")
-    both = cli("judge-photos", tmp_path / "DCIM", *ASKED, "-o", tmp_path / "both", "--no-refly", "--json")
+    both = cli("judge-photos", tmp_path / "DCIM", *REQUIRED, "-o", tmp_path / "both", "--no-refly", "--json")
     assert both.document["overlap_fraction"] >= 0.98
 
 
@@ -167,10 +169,12 @@ ONE_LOOK = {
 def test_photos_that_are_one_look_make_no_overlap(cli, tmp_path, flown, kind):
     files, apart_m = ONE_LOOK[kind]
     few = list(bands(flown[::4], files=files, apart_m=apart_m, rng=np.random.default_rng(3)))
-    ended = cli("judge-photos", table_of(tmp_path, few), *ASKED, "-o", tmp_path / "out", "--no-refly", "--json", code=1)
-    told = ended.document
-    assert (told["counted"], told["looks"]) == (len(few), len(flown[::4]))
-    assert told["overlap_fraction"] < 0.1
+    ended = cli(
+        "judge-photos", table_of(tmp_path, few), *REQUIRED, "-o", tmp_path / "out", "--no-refly", "--json", code=1
+    )
+    reported = ended.document
+    assert (reported["counted"], reported["looks"]) == (len(few), len(flown[::4]))
+    assert reported["overlap_fraction"] < 0.1
     assert "are one look" in ended.err
 
 
@@ -183,7 +187,7 @@ def test_files_of_one_capture_are_one_look(cli, tmp_path, flown):
     ]  # fmt: skip
     (tmp_path / "images.json").write_text(json.dumps(rows))
     ended = cli(
-        "judge-photos", tmp_path / "images.json", *ASKED, "-o", tmp_path / "out", "--no-refly", "--json", code=1
+        "judge-photos", tmp_path / "images.json", *REQUIRED, "-o", tmp_path / "out", "--no-refly", "--json", code=1
     )
     assert ended.document["looks"] == len(flown[::4])
 
@@ -191,28 +195,28 @@ def test_files_of_one_capture_are_one_look(cli, tmp_path, flown):
 def test_every_band_of_a_whole_survey_passes(cli, tmp_path, flown):
     whole = list(bands(flown, files=3, apart_m=0.03, rng=np.random.default_rng(3)))
     ended = cli(
-        "judge-photos", table_of(tmp_path, whole), *ASKED, "-o", tmp_path / "out", "--no-refly", "--json", code=0
+        "judge-photos", table_of(tmp_path, whole), *REQUIRED, "-o", tmp_path / "out", "--no-refly", "--json", code=0
     )
     assert ended.document["looks"] == len(flown)
 
 
-@pytest.mark.parametrize(("asked", "code"), [("0.3", 0), ("0.999", 1)])
-def test_a_search_is_judged_by_its_probability_of_detection(cli, tmp_path, flown, asked, code):
+@pytest.mark.parametrize(("required", "code"), [("0.3", 0), ("0.999", 1)])
+def test_a_search_is_judged_by_its_probability_of_detection(cli, tmp_path, flown, required, code):
     (tmp_path / "ball.toml").write_text("target_m = 0.04\npixels_for_half = 2\nhidden_from_above = 0.2")
-    options = (*ASKED, "-o", tmp_path / "out", "--no-refly", "--report", tmp_path / "out.html")
-    search = ("--detection", tmp_path / "ball.toml", "--pod", asked)
+    options = (*REQUIRED, "-o", tmp_path / "out", "--no-refly", "--report", tmp_path / "out.html")
+    search = ("--detection", tmp_path / "ball.toml", "--pod", required)
     ended = cli("judge-photos", table_of(tmp_path, flown), *options, *search, "--json")
     assert ended.code == code, ended.err
-    told = ended.document["detection"]
-    assert told["holds"] is (code == 0)
+    reported = ended.document["detection"]
+    assert reported["holds"] is (code == 0)
     assert ended.document["verdict"] == ("passed" if code == 0 else "failed")
-    assert told["pod_best_look"] == told["pod"] < told["pod_every_picture"]  # all from above
-    assert 0.35 < told["pod_best_look"] < 0.5  # 2 cm a pixel: half of 0.8
+    assert reported["pod_best_look"] == reported["pod"] < reported["pod_every_picture"]  # all from above
+    assert 0.35 < reported["pod_best_look"] < 0.5  # 2 cm a pixel: half of 0.8
     with rasterio.open(tmp_path / "out/photos.tif") as raster:
         assert raster.descriptions[-1] == "pod"
         pod = raster.read(raster.count)
-    assert np.nanpercentile(pod, 50) == pytest.approx(told["pod_percentiles"]["50"], abs=0.02)
-    assert np.nanmean(pod) == pytest.approx(told["pod"], abs=0.02)
+    assert np.nanpercentile(pod, 50) == pytest.approx(reported["pod_percentiles"]["50"], abs=0.02)
+    assert np.nanmean(pod) == pytest.approx(reported["pod"], abs=0.02)
     assert ("NOT MET" in ended.err) is (code == 1)
     page = (tmp_path / "out.html").read_text()
     assert "Probability of detection, mean over the area (ball)" in page
@@ -231,7 +235,7 @@ def test_the_curves_of_the_package_are_listed(cli):
 
 
 @pytest.mark.parametrize(
-    ("blurred", "told", "verdict"),
+    ("blurred", "reported", "verdict"),
     [
         ({}, {0, 1, 2}, "passed"),
         ({0, 1, 2}, {0, 1, 2}, "failed"),
@@ -242,42 +246,42 @@ def test_the_curves_of_the_package_are_listed(cli):
     ],
     ids=["sharp", "all", "two of three", "unknown", "unknown does not help", "all unknown"],
 )
-def test_pictures_that_are_blurred_or_may_be_do_not_count(flown, tmp_path, blurred, told, verdict):
+def test_pictures_that_are_blurred_or_may_be_do_not_count(flown, tmp_path, blurred, reported, verdict):
     """Which of three pictures in turn are blurred, and which tell their exposure."""
     request = NewRequest(area=AreaQuery(source=AREA), dem=(DEM,), camera="dji-m3e", gsd="2.5cm", overlap="75/70")
     site = new_scenario(request, Unattended(), folder=tmp_path).site
-    pictures = tuple(
-        Picture(
+    photos = tuple(
+        Photo(
             name=f"p{k}", lat_deg=lat, lon_deg=lon, alt_m=alt, yaw_deg=yaw, pitch_deg=-90.0,
-            speed_m_s=8.0, exposure_s=(0.01 if k % 3 in blurred else 0.001) if k % 3 in told else None,
+            speed_m_s=8.0, exposure_s=(0.01 if k % 3 in blurred else 0.001) if k % 3 in reported else None,
         )
         for k, (lat, lon, alt, yaw, _) in enumerate(flown)
     )  # fmt: skip
-    asked = PhotoRequest(
+    required = PhotoRequest(
         photos=(), area=request, scenario=None, assumed=Assumptions(), takeoff=None, coverage=0.98, mount_known=True,
         refly=False, budget_s=None, force=False, max_blur_px=1.0,
     )  # fmt: skip
-    found = judged(asked, PictureSet(pictures, ()), site, Unattended())
+    found = judged(required, PhotoSet(photos, ()), site, Unattended())
     assert found.document["verdict"] == verdict
     assert found.document["passed"] is (verdict == "passed")
     evidence = evidence_for_flight(found)
     assert combined(each.effect for each in evidence.findings) == found.judgement.verdict == verdict
-    counting = [k for k in range(len(flown)) if k % 3 in told and k % 3 not in blurred]
-    assert [picture.name for picture in found.placed.pictures] == [f"p{k}" for k in counting]
-    assert found.too_blurred == sum(k % 3 in told and k % 3 in blurred for k in range(len(flown)))
+    counting = [k for k in range(len(flown)) if k % 3 in reported and k % 3 not in blurred]
+    assert [photo.name for photo in found.placed.photos] == [f"p{k}" for k in counting]
+    assert found.too_blurred == sum(k % 3 in reported and k % 3 in blurred for k in range(len(flown)))
     # 1.9 cm a pixel at 80 m and 8 m/s: 4 pixels in 10 ms.
     assert all(why.startswith(("blurred by 4.", "blurred by 3.", "the blur")) for why in found.placed.left_out.values())
     photo_raster(found)
-    assert len(picture_table(found, site).splitlines()) == 1 + len(flown)
+    assert len(photo_table(found, site).splitlines()) == 1 + len(flown)
 
 
 def test_heights_that_do_not_fit_are_doubted(cli, tmp_path, flown):
     take(
         tmp_path / "DCIM", [(lat, lon, alt - 60.0 * (k % 2), yaw, t) for k, (lat, lon, alt, yaw, t) in enumerate(flown)]
     )
-    assert cli("judge-photos", tmp_path / "DCIM", *ASKED, "-o", tmp_path / "out", "--no-refly").code in (0, 1)
+    assert cli("judge-photos", tmp_path / "DCIM", *REQUIRED, "-o", tmp_path / "out", "--no-refly").code in (0, 1)
     take(tmp_path / "DCIM", [(lat, lon, alt - 200.0, yaw, t) for lat, lon, alt, yaw, t in flown])
-    ended = cli("judge-photos", tmp_path / "DCIM", *ASKED, "-o", tmp_path / "out", "--no-refly", "--force")
+    ended = cli("judge-photos", tmp_path / "DCIM", *REQUIRED, "-o", tmp_path / "out", "--no-refly", "--force")
     assert "photos are below ground" in ended.err
     assert ended.code == 1
 
@@ -314,7 +318,7 @@ def test_photos_of_a_second_camera_are_named(cli, tmp_path, flown):
     take(tmp_path / "DCIM", flown[:12])
     for number, (lat, lon, alt, _, _) in enumerate(flown[12:15]):
         write_jpeg(
-            tmp_path / f"DCIM/P1_{number}.jpg", place=(lat, lon), alt_m=alt, model=("DJI", "P1"), pixels=(8192, 5460)
+            tmp_path / f"DCIM/P1_{number}.jpg", position=(lat, lon), alt_m=alt, model=("DJI", "P1"), pixels=(8192, 5460)
         )
     ended = cli(
         "judge-photos", tmp_path / "DCIM", "--area", AREA, "--dem", DEM, "--no-refly", "-o", tmp_path / "out", "--json"
@@ -351,9 +355,9 @@ def test_pictures_of_another_view_do_not_count(cli, tmp_path, flown, fault):
     take(tmp_path / "DCIM", flown)
     for number in range(0, len(flown), 2):
         lat, lon, alt, yaw, _ = flown[number]
-        told = dji(AbsoluteAltitude=alt, GimbalYawDegree=yaw, GimbalPitchDegree="-90", GimbalRollDegree="0")
-        write_jpeg(tmp_path / f"DCIM/DJI_{number:04d}.JPG", place=(lat, lon), alt_m=alt, xmp=told, **changes)
-    ended = cli("judge-photos", tmp_path / "DCIM", *ASKED, "-o", tmp_path / "out", "--no-refly", "--json", code=1)
+        reported = dji(AbsoluteAltitude=alt, GimbalYawDegree=yaw, GimbalPitchDegree="-90", GimbalRollDegree="0")
+        write_jpeg(tmp_path / f"DCIM/DJI_{number:04d}.JPG", position=(lat, lon), alt_m=alt, xmp=reported, **changes)
+    ended = cli("judge-photos", tmp_path / "DCIM", *REQUIRED, "-o", tmp_path / "out", "--no-refly", "--json", code=1)
     assert ended.document["counted"] == len(flown) // 2
     assert all(why.startswith(words) for why in ended.document["left_out"].values())
 
@@ -367,7 +371,7 @@ def test_cameras_that_look_up_or_lie_across_their_line_are_doubted(cli, tmp_path
                 [f"{k:04d}", lat, lon, alt, yaw + turn_deg, pitch] for k, (lat, lon, alt, yaw, _) in enumerate(flown)
             )
         ended = cli(
-            "judge-photos", tmp_path / "list.csv", *ASKED, "-o", tmp_path / "out", "--no-refly", "--force", "--json"
+            "judge-photos", tmp_path / "list.csv", *REQUIRED, "-o", tmp_path / "out", "--no-refly", "--force", "--json"
         )
         assert all(doubt in ended.err for doubt in ended.document["doubts"])
         return ended.document["doubts"]
@@ -380,7 +384,7 @@ def test_cameras_that_look_up_or_lie_across_their_line_are_doubted(cli, tmp_path
 
 def test_a_verdict_that_is_there_is_not_replaced(cli, tmp_path, flown):
     take(tmp_path / "DCIM", flown[::6])
-    arguments = ("judge-photos", tmp_path / "DCIM", *ASKED, "-o", tmp_path / "out", "--no-refly")
+    arguments = ("judge-photos", tmp_path / "DCIM", *REQUIRED, "-o", tmp_path / "out", "--no-refly")
     cli(*arguments, code=1)
     kept = (tmp_path / "out/photos.json").read_bytes()
     assert "--force" in cli(*arguments, code=2).error

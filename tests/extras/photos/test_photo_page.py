@@ -14,6 +14,7 @@ from tests.extras.photos.test_judge_photos import AREA, DEM, shots
 from tests.report.conftest import HOSTILE
 from tests.report.test_accessibility import axe_source, findings
 from uavcover.errors import InputError, OutputError
+from uavcover.extras.photos.photo import Photo
 from uavcover.extras.photos.photo_judgement import PhotoRequest, judged
 from uavcover.extras.photos.photo_page import (
     LAYERS,
@@ -23,9 +24,8 @@ from uavcover.extras.photos.photo_page import (
     write_geopackage,
 )
 from uavcover.extras.photos.photo_verdict import footprints_geojson
-from uavcover.extras.photos.picture import Picture
 from uavcover.extras.photos.placing import Assumptions
-from uavcover.extras.photos.readers import PictureSet
+from uavcover.extras.photos.readers import PhotoSet
 from uavcover.new.catalog import CURVES
 from uavcover.new.command import new_scenario
 from uavcover.new.elevation_questions import NewRequest
@@ -40,15 +40,15 @@ def verdict(tmp_path_factory):
     request = NewRequest(area=AreaQuery(source=AREA), dem=(DEM,), camera="dji-m3e", gsd="2.5cm", overlap="75/70")
     site = new_scenario(request, Unattended(), folder=tmp_path_factory.mktemp("scenario")).site
     taken = shots(site, fly_layout(site, plain_boustrophedon(site)))
-    pictures = [
-        Picture(name=f"p{k}", lat_deg=lat, lon_deg=lon, alt_m=alt, yaw_deg=yaw, pitch_deg=-90.0, time_s=float(time_s))
+    photos = [
+        Photo(name=f"p{k}", lat_deg=lat, lon_deg=lon, alt_m=alt, yaw_deg=yaw, pitch_deg=-90.0, time_s=float(time_s))
         for k, (lat, lon, alt, yaw, time_s) in enumerate(taken[: 2 * len(taken) // 3])
     ]
-    asked = PhotoRequest(
+    required = PhotoRequest(
         photos=(), area=request, scenario=None, assumed=Assumptions(), takeoff=None, coverage=0.98, mount_known=True,
         refly=False, budget_s=None, force=False, detection=CURVES.named("person"), pod=0.95,
     )  # fmt: skip
-    return judged(asked, PictureSet((*pictures, Picture(name=HOSTILE)), ()), site, Unattended())
+    return judged(required, PhotoSet((*photos, Photo(name=HOSTILE)), ()), site, Unattended())
 
 
 @pytest.fixture(scope="module")
@@ -57,13 +57,13 @@ def text(verdict):
 
 
 def test_it_says_what_photos_json_says(verdict, text):
-    told = verdict.document
+    reported = verdict.document
     assert "<b>Failed</b>" in text
-    assert f"{told['counted']} of {told['pictures']}" in text
-    assert f"{100.0 * told['surely']:.2f} %" in text
+    assert f"{reported['counted']} of {reported['pictures']}" in text
+    assert f"{100.0 * reported['surely']:.2f} %" in text
     assert text.count('data-label="reason"') == 1 + min(30, len(verdict.gaps))
-    assert told["inputs"]["pictures"] in text
-    assert f"{100.0 * told['detection']['pod']:.2f} %; with only the best photo" in text
+    assert reported["inputs"]["pictures"] in text
+    assert f"{100.0 * reported['detection']['pod']:.2f} %; with only the best photo" in text
     assert "Johnson 1958" in text
 
 
@@ -93,12 +93,12 @@ def test_the_map_has_cells_pictures_footprints_and_gaps(verdict):
 
 
 def test_of_many_pictures_some_footprints_are_drawn(verdict):
-    times = 2 * MAX_FOOTPRINTS // len(verdict.placed.pictures) + 1
+    times = 2 * MAX_FOOTPRINTS // len(verdict.placed.photos) + 1
     parts = {
         name: np.concatenate([getattr(verdict.placed, name)] * times)
         for name in ("eyes_m", "axes", "tops", "direction_known", "horizontal_m", "vertical_m", "turn_deg")
     }
-    many = dataclasses.replace(verdict.placed, pictures=verdict.placed.pictures * times, **parts)
+    many = dataclasses.replace(verdict.placed, photos=verdict.placed.photos * times, **parts)
     data = photo_map_data(dataclasses.replace(verdict, placed=many))
     assert MAX_FOOTPRINTS // 2 <= len(data["footprints"]) <= MAX_FOOTPRINTS
 
@@ -142,10 +142,10 @@ def test_other_readers_find_the_layers_where_they_belong(tmp_path, verdict):
     one = shapely.from_wkb(shapes[3])
     assert shapely.equals_exact(shapely.force_2d(one), shapely.geometry.shape(expected[3]["geometry"]), tolerance=1e-9)
     meta, _, shapes, fields = pyogrio.raw.read(path, layer="pictures")
-    place = shapely.from_wkb(shapes[3])
-    picture = verdict.placed.pictures[3]
-    assert (place.x, place.y) == pytest.approx((picture.lon_deg, picture.lat_deg), abs=1e-7)
-    assert place.z == pytest.approx(picture.alt_m, abs=0.05)
+    position = shapely.from_wkb(shapes[3])
+    photo = verdict.placed.photos[3]
+    assert (position.x, position.y) == pytest.approx((photo.lon_deg, photo.lat_deg), abs=1e-7)
+    assert position.z == pytest.approx(photo.alt_m, abs=0.05)
     assert fields[list(meta["fields"]).index("tilt_deg")][3] == pytest.approx(0.0, abs=1e-5)
     meta, _, shapes, fields = pyogrio.raw.read(path, layer="gaps")
     assert sum(fields[list(meta["fields"]).index("area_m2")]) == pytest.approx(

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from tests.naive import pictures as naive
+from tests.naive import photos as naive
 from tests.planner.sites import HIGH_M, LOW_M, STEP_M, hills, make_site, ridge
-from uavcover.extras.photos.placing import PlacedPictures
+from uavcover.extras.photos.placing import LocatedPhotos
 from uavcover.extras.photos.showing import DIRECTIONS, looking_towards, shown_cells
 from uavcover.model.sensor import FrameCamera
 from uavcover.sensing.site_maps import judging_map
@@ -24,20 +24,20 @@ NEEDED = 6
 def flight(seed):
     """Pictures of a lawnmower over the square of the sites, its places a little off; and which line each belongs to."""
     rng = np.random.default_rng(seed)
-    places, yaws, lines = [], [], []
+    positions, yaws, lines = [], [], []
     for number, north in enumerate(np.arange(-40.0, 241.0, LINES_M)):
         easts = np.arange(-40.0, 341.0, STEPS_M)
         for east in easts if number % 2 == 0 else easts[::-1]:
-            places.append((east, north, 95.0))
+            positions.append((east, north, 95.0))
             yaws.append(90.0 if number % 2 == 0 else 270.0)
             lines.append(number)
-    return np.array(places) + rng.uniform(-3.0, 3.0, (len(places), 3)), np.array(yaws), np.array(lines)
+    return np.array(positions) + rng.uniform(-3.0, 3.0, (len(positions), 3)), np.array(yaws), np.array(lines)
 
 
 def placed(eyes_m, yaws_deg, *, horizontal_m=0.0, vertical_m=0.0, turn_deg=0.0):
     count = len(eyes_m)
     yaw = np.radians(yaws_deg)
-    return PlacedPictures(
+    return LocatedPhotos(
         (), eyes_m, np.tile([0.0, 0.0, -1.0], (count, 1)), np.column_stack([np.sin(yaw), np.cos(yaw), np.zeros(count)]),
         np.ones(count, bool), np.full(count, horizontal_m), np.full(count, vertical_m), np.full(count, turn_deg), {},
     )  # fmt: skip
@@ -60,9 +60,9 @@ def test_pictures_are_counted_as_by_brute_force(ground):
     eyes_m, yaws_deg, _ = (part[::2] for part in flight(1))
     shown = shown_cells(coverage, placed(eyes_m, yaws_deg))
     expected, doubtful = brute_force(site, coverage, eyes_m, yaws_deg, GROUNDS[ground])
-    np.testing.assert_array_equal(shown.pictures[~doubtful], expected[~doubtful])
+    np.testing.assert_array_equal(shown.photos[~doubtful], expected[~doubtful])
     assert doubtful.mean() < 0.2
-    assert (shown.directions == (shown.pictures > 0)).all()
+    assert (shown.directions == (shown.photos > 0)).all()
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -73,9 +73,9 @@ def test_a_strip_that_was_withheld_is_found_and_nothing_else(seed, lawnmower):
     kept = (lines < first) | (lines >= first + count)
     shown = shown_cells(coverage, placed(eyes_m[kept], yaws_deg[kept]))
     withheld = shown_cells(coverage, placed(eyes_m[~kept], yaws_deg[~kept]))
-    assert (whole.pictures >= NEEDED).all()
+    assert (whole.photos >= NEEDED).all()
     missing = ~shown.enough(NEEDED)
-    np.testing.assert_array_equal(shown.pictures + withheld.pictures, whole.pictures)
+    np.testing.assert_array_equal(shown.photos + withheld.photos, whole.photos)
     middle_m = -40.0 + LINES_M * (first + 0.5 * (count - 1))
     away_m = np.abs(coverage.grid.middles_m[:, 1] - middle_m)
     assert missing.any()
@@ -95,14 +95,14 @@ def test_what_is_surely_seen_is_seen_wherever_the_cameras_were(lawnmower):
     few = lines % 5 == 0
     errors = {"horizontal_m": 5.0, "vertical_m": 5.0, "turn_deg": 3.0}
     shown = shown_cells(coverage, placed(eyes_m[few], yaws_deg[few], **errors)).coverage
-    assert 0 < shown.surely_seen.sum() < shown.seen.sum() < shown.possibly_seen.sum()
+    assert 0 < shown.certain_cells.sum() < shown.observed.sum() < shown.possible_cells.sum()
     rng = np.random.default_rng(4)
     for _ in range(5):
         aside = rng.normal(size=(int(few.sum()), 3))
         aside *= 4.9 / np.linalg.norm(aside, axis=1)[:, None]
         shifted = shown_cells(coverage, placed(eyes_m[few] + aside, yaws_deg[few] + rng.uniform(-2.9, 2.9))).coverage
-        assert not (shown.surely_seen & ~shifted.seen).any()
-        assert not (shifted.seen & ~shown.possibly_seen).any()
+        assert not (shown.certain_cells & ~shifted.observed).any()
+        assert not (shifted.observed & ~shown.possible_cells).any()
 
 
 def test_a_limit_on_the_sample_distance_makes_pictures_too_coarse_but_leaves_their_number(lawnmower):
@@ -110,9 +110,9 @@ def test_a_limit_on_the_sample_distance_makes_pictures_too_coarse_but_leaves_the
     fine = dataclasses.replace(CAMERA, max_ground_sample_m=float(np.nanmedian(whole.coverage.ground_sample_m)))
     limited = judging_map(make_site(hills, sensor=fine, cell_m=8.0))
     shown = shown_cells(limited, placed(eyes_m, yaws_deg))
-    np.testing.assert_array_equal(shown.pictures, whole.pictures)
-    assert 0.2 < shown.coverage.seen.mean() < 0.8
-    assert (whole.coverage.ground_sample_m[shown.coverage.seen] <= fine.max_ground_sample_m * (1 + 1e-9)).all()
+    np.testing.assert_array_equal(shown.photos, whole.photos)
+    assert 0.2 < shown.coverage.observed.mean() < 0.8
+    assert (whole.coverage.ground_sample_m[shown.coverage.observed] <= fine.max_ground_sample_m * (1 + 1e-9)).all()
 
 
 def test_cameras_to_four_sides_are_four_directions(lawnmower):
@@ -129,4 +129,4 @@ def test_cameras_to_four_sides_are_four_directions(lawnmower):
     assert [DIRECTIONS[k] for k in looking_towards(four.axes)] == ["north", "east", "south", "west"]
     shown = shown_cells(coverage, four)
     assert shown.directions.max() == 4
-    assert (shown.directions == shown.pictures).all()
+    assert (shown.directions == shown.photos).all()

@@ -35,15 +35,15 @@ def flight(tmp_path_factory):
             row = [track.time_s[k], *track.geodetic[k], *track.enu_m[k], *track.attitude_deg[k]]
             # No number of a waypoint: nobody knows what was planned.
             writer.write(TrackSample(*map(float, row), current_waypoint=-1))
-    write_pictures(folder / "pictures.csv", shots(site, route))
+    write_photos(folder / "pictures.csv", shots(site, route))
     return folder
 
 
-def write_pictures(path, pictures):
+def write_photos(path, photos):
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["name", "latitude", "longitude", "altitude", "yaw", "time", "pitch", "roll"])
-        for number, (lat, lon, alt, yaw, time_s) in enumerate(pictures):
+        for number, (lat, lon, alt, yaw, time_s) in enumerate(photos):
             writer.writerow([f"p{number}", lat, lon, alt, yaw, time_s, -90.0, 0.0])
 
 

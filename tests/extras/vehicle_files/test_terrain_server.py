@@ -20,9 +20,9 @@ def test_serves_until_it_is_told_to_stop_and_says_how_much(number: signal.Signal
             server.send_signal(number)
             out, err = server.communicate(timeout=WATCHDOG_S)
     assert server.returncode == 0
-    told = re.search(r"for 1 block; sent parts: (\d+); parts not sent because data is missing: 0", out)
-    assert told is not None
-    assert int(told[1]) >= 56  # it asks 20 times as often, and again for what is on its way
+    reported = re.search(r"for 1 block; sent parts: (\d+); parts not sent because data is missing: 0", out)
+    assert reported is not None
+    assert int(reported[1]) >= 56  # it asks 20 times as often, and again for what is on its way
     assert err.strip() == "stopping"
 
 
@@ -31,14 +31,14 @@ def test_json_has_the_counts_and_the_end_of_the_data_is_said() -> None:
         arguments = command("terrain-server", "--dem", DEM, "--to", f"udpout://127.0.0.1:{port}", "--json")
         with started(arguments) as server:
             assert server.stderr is not None
-            seen = next(line for line in server.stderr if "keeps waiting" in line)
+            observed = next(line for line in server.stderr if "keeps waiting" in line)
             server.send_signal(signal.SIGINT)
             out, _ = server.communicate(timeout=WATCHDOG_S)
     document = json.loads(out)
     assert server.returncode == 0
     assert document["blocks"] == document["blocks_incomplete"] == 1
     assert document["vertical_datum"] in ("EGM96", "EGM2008")
-    assert "no elevation data for" in seen
+    assert "no elevation data for" in observed
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ def test_bad_input_is_one_line(cli: Cli, arguments: tuple[str, ...], code: int, 
 
 def test_a_run_answers_by_itself(planned: Path, cli: Cli) -> None:
     """plan-upload from the scenario's own files, which reach farther than the ground that was read for planning."""
-    from mission_io.protocol.terrain import place_in_block, places_of_block
+    from mission_io.protocol.terrain import position_in_block, positions_of_block
     from uavcover.flight.connect import connect, heights_of_site, home_of
     from uavcover.run.documents import read_planned
     from uavcover.run.folder import RunFolder
@@ -75,8 +75,8 @@ def test_a_run_answers_by_itself(planned: Path, cli: Cli) -> None:
         assert len(connected.client.services) == 1
     heights = heights_of_site(site, lambda text: pytest.fail(text))
     assert heights is not None
-    corner = place_in_block(home.lat_deg, home.lon_deg, 100).block.corner_e7
-    found = heights(places_of_block(corner[0] / 1e7, corner[1] / 1e7, 100))
+    corner = position_in_block(home.lat_deg, home.lon_deg, 100).block.corner_e7
+    found = heights(positions_of_block(corner[0] / 1e7, corner[1] / 1e7, 100))
     assert np.isfinite(found).all()
     assert heights([(home.lat_deg, home.lon_deg)])[0] == pytest.approx(home.alt_amsl_m, abs=0.2)
     cli("plan-upload", planned, "--to", "mock:", code=0)

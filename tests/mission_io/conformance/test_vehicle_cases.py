@@ -29,7 +29,7 @@ def probe_of(peer: Peer, *, loss: float = 0.0) -> Probe:
     return probe
 
 
-def asked(peer: Peer) -> dict[str, CaseResult]:
+def requested(peer: Peer) -> dict[str, CaseResult]:
     results = ask_vehicle(probe_of(peer), VEHICLE_CASES, tell=lambda _: None)
     return {result.case: result for result in results}
 
@@ -45,7 +45,7 @@ def test_names_are_unique_and_every_case_has_a_mutant() -> None:
 
 def test_a_vehicle_by_the_guide_passes_all() -> None:
     vehicle = FakeVehicle([])
-    results = asked(vehicle)
+    results = requested(vehicle)
     assert {name: results[name].seen for name in failures(results)} == {}
     assert vehicle.server.items(MissionType.FENCE) == sample(MissionType.FENCE, 4)  # put back
 
@@ -65,12 +65,12 @@ STOPPED_BY = {f"upload-stopped-by-{name}" for name in ("ERROR", "UNSUPPORTED", "
 
 def test_the_px4_mock() -> None:
     """As PX4 1.17, simulated, but for current-set: docs/results/links.md."""
-    assert failures(asked(mock(PX4))) == STOPPED_BY | {"download-old-request", "upload-after-silence"}
+    assert failures(requested(mock(PX4))) == STOPPED_BY | {"download-old-request", "upload-after-silence"}
 
 
 def test_the_ardupilot_mock() -> None:
     """As ArduCopter 4.7.0-dev, simulated: docs/results/links.md."""
-    assert failures(asked(mock(ARDUPILOT))) == STOPPED_BY | {
+    assert failures(requested(mock(ARDUPILOT))) == STOPPED_BY | {
         "upload-silence-mission", "upload-silence-rally", "upload-first-item", "upload-int-requests",
         "upload-out-of-order", "upload-cancelled-mission", "upload-cancelled-fence", "upload-cancelled-rally",
         "upload-bad-item", "download-int-frames", "download-old-request", "clear-all", "current-beyond",

@@ -9,18 +9,18 @@ def gpx(points: Points, home_m: float) -> str:
 
 
 def kml(points: Points, home_m: float) -> str:
-    places = "\n ".join(f"{lon},{lat},{home_m + up}" for lat, lon, up in points)
+    positions = "\n ".join(f"{lon},{lat},{home_m + up}" for lat, lon, up in points)
     return (
         '<?xml version="1.0"?><kml xmlns="http://www.opengis.net/kml/2.2"><Document><Placemark><LineString>'
-        f"<altitudeMode>absolute</altitudeMode><coordinates>{places}</coordinates></LineString></Placemark></Document></kml>"
+        f"<altitudeMode>absolute</altitudeMode><coordinates>{positions}</coordinates></LineString></Placemark></Document></kml>"
     )
 
 
 def litchi(points: Points, home_m: float) -> str:
     assert home_m
     actions = ",".join(f"actiontype{n},actionparam{n}" for n in range(1, 16))
-    place = "latitude,longitude,altitude(m),heading(deg),curvesize(m),rotationdir,gimbalmode,gimbalpitchangle"
-    head = f"{place},{actions},altitudemode,speed(m/s)"
+    position = "latitude,longitude,altitude(m),heading(deg),curvesize(m),rotationdir,gimbalmode,gimbalpitchangle"
+    head = f"{position},{actions},altitudemode,speed(m/s)"
     rows = [f"{lat},{lon},{up},90,0,0,0,0,{','.join(['-1,0'] * 15)},0,7.5" for lat, lon, up in points]
     return "\n".join([head, *rows])
 

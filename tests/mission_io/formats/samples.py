@@ -54,7 +54,9 @@ def fen_text(fence: Fence) -> str:
     """A ``.fen`` file: the return point, then the closed ring of the first polygon."""
     assert fence.return_point is not None
     ring = fence.polygons[0].vertices
-    return "".join(f"{place.lat_deg:.8f} {place.lon_deg:.8f}\n" for place in (fence.return_point, *ring, ring[0]))
+    return "".join(
+        f"{position.lat_deg:.8f} {position.lon_deg:.8f}\n" for position in (fence.return_point, *ring, ring[0])
+    )
 
 
 FLOATS = st.floats(-1e30, 1e30)

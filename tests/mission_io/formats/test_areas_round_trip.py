@@ -22,12 +22,12 @@ from mission_io.model.items import (
 )
 from tests.mission_io.formats.samples import HOME, LATITUDES, LONGITUDES, MISSION
 
-_PLACES = st.builds(LatLon, LATITUDES, LONGITUDES)
-_RINGS = st.lists(_PLACES, min_size=3, max_size=6, unique=True).map(tuple)
+_POSITIONS = st.builds(LatLon, LATITUDES, LONGITUDES)
+_RINGS = st.lists(_POSITIONS, min_size=3, max_size=6, unique=True).map(tuple)
 _HEIGHTS = st.floats(-1e4, 1e5)
 _POINTS = st.builds(FramedPoint, LATITUDES, LONGITUDES, _HEIGHTS, st.sampled_from([Frame.AMSL, Frame.ABOVE_HOME]))
 _POLYGONS = st.builds(FencePolygon, _RINGS, st.booleans())
-_CIRCLES = st.builds(FenceCircle, _PLACES, st.floats(0.1, 1e6), st.booleans())
+_CIRCLES = st.builds(FenceCircle, _POSITIONS, st.floats(0.1, 1e6), st.booleans())
 _FENCES = st.builds(
     Fence,
     st.lists(_POLYGONS, max_size=3).map(tuple),

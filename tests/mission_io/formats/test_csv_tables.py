@@ -81,7 +81,7 @@ TABLES = {
 }
 
 
-def written(rows, *, separator, decimal, quoted, space, told):
+def written(rows, *, separator, decimal, quoted, space, reported):
     """A table as a spreadsheet would save it."""
     lines = []
     for number, row in enumerate(rows):
@@ -89,12 +89,12 @@ def written(rows, *, separator, decimal, quoted, space, told):
         if quoted == "all" or (quoted == "header" and number == 0):
             cells = [f'"{cell}"' for cell in cells]
         lines.append((separator + space).join(cells))
-    return "\n".join([*([f"sep={separator}"] if told else []), *lines]) + "\n"
+    return "\n".join([*([f"sep={separator}"] if reported else []), *lines]) + "\n"
 
 
 DIALECTS = [
-    {"separator": separator, "decimal": decimal, "quoted": quoted, "space": space, "told": told}
-    for separator, decimal, quoted, space, told in product(
+    {"separator": separator, "decimal": decimal, "quoted": quoted, "space": space, "reported": reported}
+    for separator, decimal, quoted, space, reported in product(
         ",;\t|", ".,", ("no", "header", "all"), ("", " "), (False, True)
     )
     if not (separator == "," and decimal == "," and quoted != "all")
@@ -114,7 +114,7 @@ def test_a_table_is_the_same_in_every_dialect(table):
 @pytest.mark.parametrize("table", TABLES)
 def test_decimal_commas_between_commas_are_named(table):
     rows, read = TABLES[table]
-    text = written(rows, separator=",", decimal=",", quoted="no", space="", told=False)
+    text = written(rows, separator=",", decimal=",", quoted="no", space="", reported=False)
     with pytest.raises(
         FormatError,
         match=r"header has \d+ \(columns separated by commas, decimal points\); if it also has decimal commas",
@@ -144,7 +144,7 @@ def test_unusual_dialects_are_listed_and_the_usual_one_is_not():
     assert str(sniff("sep=|\na|b\n")) == "columns separated by bars, decimal points"
 
 
-PLACES = (("46.51234", "8.0123"), ("46.51334", "8.0123"), ("46.51334", "8.0133"))
+POSITIONS = (("46.51234", "8.0123"), ("46.51334", "8.0123"), ("46.51334", "8.0133"))
 
 
 @pytest.mark.parametrize("between", [" ", "\t", ";", "; ", ", ", "  ", " , "])
@@ -153,10 +153,12 @@ PLACES = (("46.51234", "8.0123"), ("46.51334", "8.0123"), ("46.51334", "8.0133")
 def test_lines_of_numbers_are_the_same_in_every_dialect(between, decimal, quoted):
     if decimal == "," and between == " , ":
         return
-    lines = [between.join(f"{quoted}{word.replace('.', decimal)}{quoted}" for word in place) for place in PLACES]
+    lines = [
+        between.join(f"{quoted}{word.replace('.', decimal)}{quoted}" for word in position) for position in POSITIONS
+    ]
     assert (
         read_area_list("\n".join(lines)).areas[0]
-        == read_area_list("\n".join(" ".join(place) for place in PLACES)).areas[0]
+        == read_area_list("\n".join(" ".join(position) for position in POSITIONS)).areas[0]
     )
     item = ("0", "1", "0", "16", "0", "0", "0", "0", "46.5", "8.5", "500.5", "1")
     row = between.join(f"{quoted}{word.replace('.', decimal)}{quoted}" for word in item)

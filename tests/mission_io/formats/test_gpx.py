@@ -39,8 +39,8 @@ def checked(text: str) -> ET.Element:
         if kind not in ORDER:
             assert names == []
             continue
-        places = [ORDER[kind].index(name) for name in names]
-        assert places == sorted(places)
+        positions = [ORDER[kind].index(name) for name in names]
+        assert positions == sorted(positions)
         assert all(names.count(name) == 1 for name in names if name not in MANY)
         if kind == "wpt":
             assert -90.0 <= float(element.attrib["lat"]) <= 90.0
@@ -51,26 +51,26 @@ def checked(text: str) -> ET.Element:
     return root
 
 
-PLACES = st.tuples(LATITUDES, LONGITUDES, st.floats(-400.0, 9000.0))
+POSITIONS = st.tuples(LATITUDES, LONGITUDES, st.floats(-400.0, 9000.0))
 
 
 @pytest.mark.no_cover  # what takes long is the schema's library; the lines are reached by the other tests
 @given(
-    home=PLACES,
-    places=st.lists(PLACES, min_size=1, max_size=5),
+    home=POSITIONS,
+    positions=st.lists(POSITIONS, min_size=1, max_size=5),
     name=st.text(st.characters(codec="utf-8", min_codepoint=32)),
 )
 def test_every_mission_keeps_the_schema_and_reads_back(
-    home: tuple[float, float, float], places: list[tuple[float, float, float]], name: str
+    home: tuple[float, float, float], positions: list[tuple[float, float, float]], name: str
 ) -> None:
     name = name.replace("\ufffe", "").replace("\uffff", "")
     start = GeoPoint(*home)
     items = [takeoff(home[0], home[1], 30.0, frame=Frame.ABOVE_HOME)]
-    items += [waypoint(lat, lon, alt - home[2], frame=Frame.ABOVE_HOME) for lat, lon, alt in places]
+    items += [waypoint(lat, lon, alt - home[2], frame=Frame.ABOVE_HOME) for lat, lon, alt in positions]
     items.append(land(home[0], home[1], home[2], frame=Frame.AMSL))
     text = write_gpx(Mission(start, tuple(items)), name=name)
     root = checked(text)
-    wanted = [(home[0], home[1], home[2] + 30.0), *places, home]
+    wanted = [(home[0], home[1], home[2] + 30.0), *positions, home]
     points = root.findall(f"{SPACE}rte/{SPACE}rtept")
     assert len(points) == len(wanted)
     for point, (lat, lon, alt) in zip(points, wanted, strict=True):

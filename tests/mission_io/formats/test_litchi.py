@@ -11,7 +11,7 @@ import pytest
 from mission_io.errors import FormatError
 from mission_io.formats.csv_tables import write_litchi
 from mission_io.formats.point_route import CameraFlight
-from tests.mission_io.formats.flights import pictures_at_once, random_flight
+from tests.mission_io.formats.flights import photos_at_once, random_flight
 
 COLUMNS = [
     "latitude", "longitude", "altitude(m)", "heading(deg)", "curvesize(m)", "rotationdir", "gimbalmode",
@@ -47,7 +47,7 @@ def test_a_flight_reads_back(seed: int) -> None:
     flight = random_flight(seed)
     rows = rows_of(write_litchi(flight))
     assert len(rows) == len(flight.points)
-    pictures = pictures_at_once(flight)
+    photos = photos_at_once(flight)
     for number, (row, point) in enumerate(zip(rows, flight.points, strict=True)):
         assert row["latitude"] == pytest.approx(point.lat_deg, abs=1e-8)
         assert row["longitude"] == pytest.approx(point.lon_deg, abs=1e-8)
@@ -56,8 +56,8 @@ def test_a_flight_reads_back(seed: int) -> None:
         assert (row["gimbalmode"], row["gimbalpitchangle"]) == (
             (0, 0) if point.pitch_deg is None else (2, point.pitch_deg)
         )
-        assert row["photo_distinterval"] == (-1 if point.picture_distance_m is None else point.picture_distance_m)
-        assert [row[f"actiontype{k}"] for k in range(1, 16)].count(1) == pictures[number]
+        assert row["photo_distinterval"] == (-1 if point.photo_distance_m is None else point.photo_distance_m)
+        assert [row[f"actiontype{k}"] for k in range(1, 16)].count(1) == photos[number]
         if point.heading_deg is not None:
             assert row["heading(deg)"] == point.heading_deg
         elif number + 1 < len(rows):
@@ -86,7 +86,7 @@ def with_first(flight: CameraFlight, **changes: Any) -> CameraFlight:
         ({"height_above_home_m": -201.0}, "point 1: -201 m above home"),
         ({"speed_m_s": 15.5}, "point 1: 15.5 m/s"),
         ({"pitch_deg": 10.0}, "point 1: 10 degrees of camera pitch"),
-        ({"pictures": 16}, "point 1: a point has 1[67] photos, but the limit of Litchi is 15"),
+        ({"photos": 16}, "point 1: a point has 1[67] photos, but the limit of Litchi is 15"),
         ({"lat_deg": 46.0}, r"point 1: .* m to the next point is invalid; Litchi accepts 0\.5 to 2000"),
     ],
 )

@@ -65,9 +65,9 @@ def test_what_is_set_holds_from_the_point_before_it_on() -> None:
     points = camera_flight(mission).points
     assert [p.height_above_home_m for p in points] == [40.0, 60.0, 60.0, 60.0, 60.0, 60.0, 40.0]
     assert [p.pitch_deg for p in points] == [None, -60.0, -60.0, -60.0, -60.0, -60.0, -60.0]
-    assert [p.picture_distance_m for p in points] == [None, None, 12.5, 12.5, None, None, None]
+    assert [p.photo_distance_m for p in points] == [None, None, 12.5, 12.5, None, None, None]
     assert [p.speed_m_s for p in points] == [8.0, 8.0, 8.0, 5.0, 5.0, 5.0, 5.0]
-    assert [p.pictures for p in points] == [0] * 7
+    assert [p.photos for p in points] == [0] * 7
 
 
 def test_a_waypoint_that_stands_twice_is_one_point() -> None:
@@ -75,13 +75,13 @@ def test_a_waypoint_that_stands_twice_is_one_point() -> None:
         flown(at(100), trigger_camera_every(20.0), at(100), at(300), trigger_camera_every(0.0))
     ).points
     assert len(points) == 4
-    assert [p.picture_distance_m for p in points] == [None, 20.0, None, None]
+    assert [p.photo_distance_m for p in points] == [None, 20.0, None, None]
 
 
-@pytest.mark.parametrize("picture", [TakePicture(), StartPictures(count=1, first_number=3)])
-def test_pictures_at_waypoints(picture: Any) -> None:
-    points = camera_flight(flown(at(100), item_of(picture), at(200), item_of(picture), item_of(picture))).points
-    assert [p.pictures for p in points] == [0, 1, 2, 0]
+@pytest.mark.parametrize("photo", [TakePicture(), StartPictures(count=1, first_number=3)])
+def test_pictures_at_waypoints(photo: Any) -> None:
+    points = camera_flight(flown(at(100), item_of(photo), at(200), item_of(photo), item_of(photo))).points
+    assert [p.photos for p in points] == [0, 1, 2, 0]
 
 
 def test_headings_of_waypoints_hold_there_and_that_of_a_gimbal_until_it_is_changed() -> None:
@@ -152,7 +152,7 @@ def change(item: MissionItem, number: int, value: float) -> MissionItem:
         ((item_of(PointGimbal(-90.0, gimbal=2)),), "item 3: a gimbal that moves at a rate, or a second"),
         ((change(trigger_camera_every(5.0), 3, 0.0),), "item 3: the distance-based trigger does not start immediately"),
         ((change(trigger_camera_every(5.0), 1, -1.0),), "item 3: the distance"),
-        ((item_of(TakePicture(pictures=2)),), "item 3: only single photos can be converted"),
+        ((item_of(TakePicture(photos=2)),), "item 3: only single photos can be converted"),
         ((item_of(TakePicture(zoom=2.0)),), "item 3: only single photos can be converted"),
         ((item_of(StartPictures(interval_s=2.0)),), "item 3: only single photos can be converted"),
         ((look_at(47.0, -8.0, 0.0, frame=Frame.AMSL),), "item 3: LookAt"),
@@ -187,12 +187,12 @@ MEDDLED = st.builds(
     items=st.lists(
         MEDDLED | st.sampled_from([at(100), at(300), change_speed(5.0), trigger_camera_every(9.0)]), max_size=5
     ),
-    place=st.integers(0, 6),
+    position=st.integers(0, 6),
 )
-def test_whatever_is_in_a_mission_it_is_points_or_one_error(items: list[MissionItem], place: int) -> None:
+def test_whatever_is_in_a_mission_it_is_points_or_one_error(items: list[MissionItem], position: int) -> None:
     """And what becomes of it can be written, or is refused in the same way."""
     honest = list(flown(at(100)).items)
-    mission = Mission(HOME, (*honest[:place], *items, *honest[place:]))
+    mission = Mission(HOME, (*honest[:position], *items, *honest[position:]))
     refused = ""
     try:
         flight = camera_flight(mission)
@@ -348,20 +348,20 @@ def test_damaged_files_end_in_an_error_of_the_package(suffix: str, data: st.Data
 def _held(route: PointRoute) -> list[tuple[float | None, int, float | None]]:
     """Pitch, pictures and distance between pictures at each point, from the items alone."""
     found: list[tuple[float | None, int, float | None]] = []
-    pitch, distance, pictures = None, None, 0
+    pitch, distance, photos = None, None, 0
     for number, item in enumerate(route.mission.items, 1):
         if number in route.numbers:
             if number > route.numbers[0]:
-                found.append((pitch, pictures, distance))
-            pictures = 0
+                found.append((pitch, photos, distance))
+            photos = 0
         elif item.command == Command.DO_GIMBAL_MANAGER_PITCHYAW:
             pitch = item.params[0]
         elif item.command == Command.DO_SET_CAM_TRIGG_DIST:
             assert item.params[2] == 0.0, "the first picture is one of its own"
             distance = item.params[0] or None
         elif item.command == Command.IMAGE_START_CAPTURE:
-            pictures += 1
-    return [*found, (pitch, pictures, distance)]
+            photos += 1
+    return [*found, (pitch, photos, distance)]
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -373,20 +373,20 @@ def test_what_the_camera_does_reads_back(seed: int) -> None:
         texts[".csv"] = write_litchi(flight)
     expected, before = [], None
     for point in flight.points:
-        begins = point.picture_distance_m is not None and point.picture_distance_m != before
-        before = point.picture_distance_m
-        expected.append((point.pitch_deg, point.pictures + begins, before))
+        begins = point.photo_distance_m is not None and point.photo_distance_m != before
+        before = point.photo_distance_m
+        expected.append((point.pitch_deg, point.photos + begins, before))
     for suffix, text in texts.items():
-        told = _held(READERS[suffix](text))
+        reported = _held(READERS[suffix](text))
         if suffix == ".wpml":  # its last point has no leg after it
-            told, wanted = told[:-1], expected[:-1]
+            reported, wanted = reported[:-1], expected[:-1]
         else:
             wanted = expected
-        assert [row[1:] for row in told] == [
+        assert [row[1:] for row in reported] == [
             (count, None if every is None else pytest.approx(every, abs=1e-3)) for _, count, every in wanted
         ]
-        assert [row[0] for row in told if row[0] is not None] == [
-            pytest.approx(pitch) for (pitch, *_), row in zip(wanted, told, strict=True) if row[0] is not None
+        assert [row[0] for row in reported if row[0] is not None] == [
+            pytest.approx(pitch) for (pitch, *_), row in zip(wanted, reported, strict=True) if row[0] is not None
         ]
 
 

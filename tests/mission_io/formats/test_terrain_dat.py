@@ -6,7 +6,7 @@ from random import Random
 import pytest
 
 from mission_io.errors import MisuseError
-from mission_io.protocol.terrain import PART_COUNT, Part, TerrainBlock, dat_bytes, dat_name, place_in_block
+from mission_io.protocol.terrain import PART_COUNT, Part, TerrainBlock, dat_bytes, dat_name, position_in_block
 from tests.naive.terrain_grid import look_up
 
 
@@ -48,14 +48,14 @@ def random_parts(rng: Random, known: float) -> tuple[Part | None, ...]:
 
 
 @pytest.mark.parametrize("known", [1.0, 0.6, 0.02])
-@pytest.mark.parametrize("place", [(47.31, 8.56), (-33.42, -70.73), (0.2, 179.6), (-89.3, -180.0), (71.9, -0.4)])
-def test_blocks_are_byte_for_byte_what_is_described(place: tuple[float, float], known: float) -> None:
-    rng = Random(f"{place} {known}")
+@pytest.mark.parametrize("position", [(47.31, 8.56), (-33.42, -70.73), (0.2, 179.6), (-89.3, -180.0), (71.9, -0.4)])
+def test_blocks_are_byte_for_byte_what_is_described(position: tuple[float, float], known: float) -> None:
+    rng = Random(f"{position} {known}")
     spacing = rng.choice([30, 100, 200])
     blocks = {}
     for _ in range(4):
-        at = (place[0] + rng.uniform(-0.05, 0.05), place[1] + rng.uniform(0.0, 0.09))
-        blocks[place_in_block(*at, spacing).block] = random_parts(rng, known)
+        at = (position[0] + rng.uniform(-0.05, 0.05), position[1] + rng.uniform(0.0, 0.09))
+        blocks[position_in_block(*at, spacing).block] = random_parts(rng, known)
     data = dat_bytes(blocks)
     assert len(data) % 2048 == 0
     filled = {at for at in range(0, len(data), 2048) if any(data[at : at + 2048])}
@@ -72,7 +72,7 @@ def test_a_block_lies_where_the_autopilot_looks_for_it() -> None:
         twin = look_up(round(lat * 1e7), round(lon * 1e7), 100)
         width_m = 111_318.845 * math.cos(math.radians(twin["south"]))
         wide = int((width_m + 2 * 100 * 32) / (100 * 28))
-        block = place_in_block(lat, lon, 100).block
+        block = position_in_block(lat, lon, 100).block
         data = dat_bytes({block: random_parts(Random(1), 1.0)})
         assert len(data) == 2048 * (wide * twin["north"] + twin["east"] + 1)
 

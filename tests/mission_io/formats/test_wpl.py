@@ -229,8 +229,8 @@ def test_odd_first_lines_and_odd_space(text: str) -> None:
 @pytest.mark.parametrize("frame", [0, 2, 3, 10])
 def test_a_first_row_that_is_an_item_is_kept(command, frame):
     """Programs that know no home row begin with a take-off in row 0: it is no home of 50 m."""
-    place = "0\t0" if frame == 2 else "46.5\t8.5"
-    rows = [f"0\t0\t{frame}\t{command}\t0\t0\t0\t0\t{place}\t50\t1", "1\t0\t3\t16\t0\t0\t0\t0\t46.6\t8.5\t60\t1",
+    position = "0\t0" if frame == 2 else "46.5\t8.5"
+    rows = [f"0\t0\t{frame}\t{command}\t0\t0\t0\t0\t{position}\t50\t1", "1\t0\t3\t16\t0\t0\t0\t0\t46.6\t8.5\t60\t1",
             "2\t0\t2\t177\t1\t2\t0\t0\t0\t0\t0\t1"]  # fmt: skip
     read = wpl.read("QGC WPL 110\n" + "\n".join(rows) + "\n")
     assert read.home is None

@@ -8,7 +8,7 @@ import pytest
 from mission_io.errors import FormatError
 from mission_io.formats.point_route import CameraFlight
 from mission_io.formats.wpml import AbsoluteHeights, DjiAircraft, write_kmz
-from tests.mission_io.formats.flights import pictures_at_once, random_flight
+from tests.mission_io.formats.flights import photos_at_once, random_flight
 from tests.mission_io.formats.wpml_tables import check_kmz
 from uavcover.extras.exports.command import DJI_AIRCRAFT
 
@@ -20,7 +20,7 @@ def test_a_flight_reads_back_and_keeps_the_tables(seed: int) -> None:
     flight = random_flight(seed)
     read = check_kmz(write_kmz(flight, M3E, return_height_m=80.0))
     assert len(read.points) == len(flight.points)
-    pictures = pictures_at_once(flight)
+    photos = photos_at_once(flight)
     pitch_deg = None
     for number, (found, point) in enumerate(zip(read.points, flight.points, strict=True)):
         assert found.lat_deg == pytest.approx(point.lat_deg, abs=1e-8)
@@ -31,7 +31,7 @@ def test_a_flight_reads_back_and_keeps_the_tables(seed: int) -> None:
         if point.heading_deg is not None and found.heading_deg is not None:
             assert found.heading_deg % 360.0 == pytest.approx(point.heading_deg, abs=1e-9)
         taken = [a for a in found.actions if a[0] == "reachPoint" and a[2] == "takePhoto"]
-        assert len(taken) == pictures[number]
+        assert len(taken) == photos[number]
         turned = [value for _, _, function, value in found.actions if function == "gimbalRotate"]
         assert turned == ([point.pitch_deg] if point.pitch_deg not in (None, pitch_deg) else [])
         pitch_deg = point.pitch_deg
@@ -44,7 +44,7 @@ def test_a_flight_reads_back_and_keeps_the_tables(seed: int) -> None:
     ]
     for leg in range(len(flight.points) - 1):
         over = [value for first, last, value in groups if first <= leg < last]
-        wanted = flight.points[leg].picture_distance_m
+        wanted = flight.points[leg].photo_distance_m
         assert over == ([] if wanted is None else [wanted])
 
 

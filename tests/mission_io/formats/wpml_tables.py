@@ -100,7 +100,7 @@ ACTION_GROUP = Field(
     required=False,
     many=True,
 )  # fmt: skip
-POINT = Field(holds=several(coordinates=Field(lambda text: _is_place(text))))
+POINT = Field(holds=several(coordinates=Field(lambda text: _is_position(text))))
 CONFIG = several(
     flyToWaylineMode=one_of("safely", "pointToPoint"),
     finishAction=one_of("goHome", "noAction", "autoLand", "gotoFirstWaypoint"),
@@ -157,7 +157,7 @@ OF_KML = {"Point", "coordinates", "Folder", "Placemark"}
 """Elements of KML itself; all others are DJI's."""
 
 
-def _is_place(text: str) -> bool:
+def _is_position(text: str) -> bool:
     lon, lat = map(float, text.split(","))
     return -180.0 <= lon <= 180.0 and -90.0 <= lat <= 90.0
 

@@ -11,7 +11,7 @@ from mission_io.autopilots.autopilot import PX4
 from mission_io.client.client import Client
 from mission_io.errors import LinkError, MisuseError
 from mission_io.links.datagrams import Clock, Link, MonotonicClock, UdpLink
-from mission_io.links.opening import MOST_WAITING, LinkShare, SharedLink, open_link
+from mission_io.links.opening import MOST_WAITING, LinkView, SharedLink, open_link
 from mission_io.links.stream import TcpListeningLink
 from mission_io.model.items import Frame, MissionType, waypoint
 from mission_io.wire.codec import Codec
@@ -56,15 +56,15 @@ def beat_of(system_id: int) -> bytes:
 
 
 @contextlib.contextmanager
-def shares_of(fake: Fake, *systems: int) -> Iterator[list[LinkShare]]:
+def fractions_of(fake: Fake, *systems: int) -> Iterator[list[LinkView]]:
     shared = SharedLink(lambda: fake, systems)
     with contextlib.ExitStack() as opened:
-        yield [opened.enter_context(contextlib.closing(shared.share(system))) for system in systems]
+        yield [opened.enter_context(contextlib.closing(shared.view(system))) for system in systems]
 
 
 def test_each_share_hears_its_vehicle_and_whoever_has_no_share() -> None:
     fake = Fake()
-    with shares_of(fake, 1, 2) as (one, two):
+    with fractions_of(fake, 1, 2) as (one, two):
         fake.arriving = [beat_of(1) + beat_of(2), beat_of(255), b"no frame at all", beat_of(2)]
         for _ in range(4):
             one.receive(0.0)
@@ -87,11 +87,11 @@ def test_the_last_share_closes_the_link_and_the_next_one_opens_it_again() -> Non
 
     shared = SharedLink(opener, (1, 2))
     assert not opened
-    one, two = shared.share(1), shared.share(2)
+    one, two = shared.view(1), shared.view(2)
     with pytest.raises(MisuseError, match="share of system 1 is in use"):
-        shared.share(1)
+        shared.view(1)
     with pytest.raises(MisuseError, match=r"system 3 has no share of this link; the systems with a share are \[1, 2\]"):
-        shared.share(3)
+        shared.view(3)
     one.close()
     one.close()
     assert opened[0].closed == 0
@@ -100,14 +100,14 @@ def test_the_last_share_closes_the_link_and_the_next_one_opens_it_again() -> Non
             use()
     two.close()
     assert (len(opened), opened[0].closed) == (1, 1)
-    again = shared.share(1)
+    again = shared.view(1)
     assert len(opened) == 2
     again.close()
 
 
 def test_a_link_that_is_gone_is_gone_for_all_after_what_had_arrived() -> None:
     fake = Fake()
-    with shares_of(fake, 1, 2) as (one, two):
+    with fractions_of(fake, 1, 2) as (one, two):
         fake.arriving = [beat_of(2), LinkError("the radio was pulled out")]
         assert one.receive(0.0) is None
         with pytest.raises(LinkError, match="pulled out"):
@@ -119,7 +119,7 @@ def test_a_link_that_is_gone_is_gone_for_all_after_what_had_arrived() -> None:
 
 def test_what_nobody_reads_is_dropped_from_the_oldest_on_and_told(caplog: pytest.LogCaptureFixture) -> None:
     fake = Fake()
-    with shares_of(fake, 1, 2) as (one, two):
+    with fractions_of(fake, 1, 2) as (one, two):
         codec = Codec(system_id=2, component_id=1)
         sent = [codec.encode(BEAT) for _ in range(MOST_WAITING + 3)]
         fake.arriving = list(sent)
@@ -148,14 +148,14 @@ def all_at_once(shared: SharedLink, systems: tuple[int, ...]) -> None:
     """A client for each vehicle, in a thread of its own."""
     failed: list[BaseException] = []
 
-    def one(share: LinkShare, system_id: int) -> None:
+    def one(view: LinkView, system_id: int) -> None:
         try:
-            with Client(share) as client:
+            with Client(view) as client:
                 missions(client, system_id, 20 + system_id)
         except BaseException as error:  # told by the test
             failed.append(error)
 
-    threads = [threading.Thread(target=one, args=(shared.share(system_id), system_id)) for system_id in systems]
+    threads = [threading.Thread(target=one, args=(shared.view(system_id), system_id)) for system_id in systems]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -213,8 +213,8 @@ def test_a_stranger_with_a_vehicles_ids_is_not_heard() -> None:
     ground = UdpLink.listening()
     shared = SharedLink(lambda: ground, (1, 2))
     with (
-        contextlib.closing(shared.share(1)) as one,
-        contextlib.closing(shared.share(2)) as two,
+        contextlib.closing(shared.view(1)) as one,
+        contextlib.closing(shared.view(2)) as two,
         UdpLink.connecting("127.0.0.1", ground.local_port) as vehicle,
         UdpLink.connecting("127.0.0.1", ground.local_port) as other,
     ):

@@ -104,11 +104,11 @@ def _was_said(vehicle: HostileVehicle, received: Sequence[MissionItem]) -> bool:
     """Whether the vehicle named that number of items, and said each of them in its place."""
     counts = {message.count for message in vehicle.said if isinstance(message, MissionCount)}
     said = [message for message in vehicle.said if isinstance(message, MissionItemInt)]
-    places = [{_shown(item) for item in said if item.seq == seq} for seq in range(len(received))]
+    positions = [{_shown(item) for item in said if item.seq == seq} for seq in range(len(received))]
     shown = [
         _shown(message_from_item(item, 0, mission_type=0, target_system=1, target_component=1)) for item in received
     ]
-    return len(received) in counts and all(item in place for item, place in zip(shown, places, strict=True))
+    return len(received) in counts and all(item in position for item, position in zip(shown, positions, strict=True))
 
 
 def _shown(item: MissionItemInt) -> tuple[object, ...]:

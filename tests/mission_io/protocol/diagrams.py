@@ -12,7 +12,7 @@ from mission_io.protocol.tables import SERVER_TABLE, UPLOAD_TABLE, ServerState, 
 TABLES: Final[dict[str, tuple[Table[Any, Any], Enum]]] = {
     "upload": (UPLOAD_TABLE, UploadState.ANNOUNCED),
     "download": (DOWNLOAD_TABLE, DownloadState.LISTING),
-    "clear": (CLEAR_TABLE, ClearState.ASKED),
+    "clear": (CLEAR_TABLE, ClearState.REQUESTED),
     "server": (SERVER_TABLE, ServerState.IDLE),
 }
 """Every table with its initial state."""

@@ -192,10 +192,10 @@ class ForeignTypes(Trick):
     """Speaks of another list than it was asked for, always or now and then."""
 
     def draw(self) -> None:
-        self.share = self.rng.choice([0.3, 1.0])
+        self.fraction = self.rng.choice([0.3, 1.0])
 
     def says(self, message: m.Message) -> Iterable[m.Message]:
-        if hasattr(message, "mission_type") and self.rng.random() < self.share:
+        if hasattr(message, "mission_type") and self.rng.random() < self.fraction:
             return [replace(message, mission_type=(self.mission_type + self.rng.choice([1, 2, 7])) % 256)]  # type: ignore[call-arg]
         return [message]
 

@@ -32,12 +32,12 @@ class KeepsFiles(VehiclePeer):
         self.files = FtpServer()
         self.requests = 0
         self.restarts_at, self.deaf_from = restarts_at, deaf_from
-        self.asked: list[int] = []
+        self.requested: list[int] = []
 
     def on_message(self, received: Received, *_: object) -> None:
         if isinstance(received.message, FileTransfer):
             self.requests += 1
-            self.asked.append(received.message.payload[3])
+            self.requested.append(received.message.payload[3])
             if self.requests == self.restarts_at:
                 self.files.restart()
             if self.requests < self.deaf_from:
@@ -50,10 +50,10 @@ def test_every_byte_comes_across(size: int, loss: float) -> None:
     peer = KeepsFiles()
     client = connected(peer, seed=size, conditions=Conditions(loss=loss))
     content = Random(size).randbytes(size)
-    told: list[tuple[int, int]] = []
-    FileUploads(client).upload(PATH, content, progress=lambda done, total: told.append((done, total)))
+    reported: list[tuple[int, int]] = []
+    FileUploads(client).upload(PATH, content, progress=lambda done, total: reported.append((done, total)))
     assert peer.files.files[PATH] == content
-    assert told == sorted(told)
+    assert reported == sorted(reported)
     assert client.services == []
 
 
@@ -79,11 +79,11 @@ def test_an_upload_goes_on_where_the_link_left_it() -> None:
     with pytest.raises(TransferSilentError, match=r"no answer for 5 s\) after \d+ of 23900 bytes"):
         uploads.upload(PATH, content)
     peer.deaf_from = 1 << 40
-    peer.asked.clear()
+    peer.requested.clear()
     uploads.upload(PATH, content)
     assert peer.files.files[PATH] == content
-    assert peer.asked.count(FtpOperation.WRITE_FILE) < 60  # 57 were across before
-    assert FtpOperation.CREATE_FILE not in peer.asked
+    assert peer.requested.count(FtpOperation.WRITE_FILE) < 60  # 57 were across before
+    assert FtpOperation.CREATE_FILE not in peer.requested
 
 
 def test_other_content_does_not_go_on_with_the_old() -> None:
@@ -125,10 +125,12 @@ def test_a_byte_that_changed_on_the_way_is_found_by_the_crc_and_sent_again() -> 
 def test_refusals_are_said() -> None:
     class Full(FtpServer):
         def answer(self, payload: bytes) -> list[bytes]:
-            asked = FtpMessage.decoded(payload)
-            if asked.operation != FtpOperation.CREATE_FILE:
+            requested = FtpMessage.decoded(payload)
+            if requested.operation != FtpOperation.CREATE_FILE:
                 return super().answer(payload)
-            nak = FtpMessage((asked.seq + 1) % 65536, FtpOperation.NAK, data=bytes([2, 28]), answers=asked.operation)
+            nak = FtpMessage(
+                (requested.seq + 1) % 65536, FtpOperation.NAK, data=bytes([2, 28]), answers=requested.operation
+            )
             return [nak.encoded()]
 
     peer = KeepsFiles()

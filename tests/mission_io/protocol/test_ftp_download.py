@@ -33,11 +33,13 @@ class Meddling(FtpServer):
         self._operation, self._change = operation, change
 
     def answer(self, payload: bytes) -> list[bytes]:
-        asked = FtpMessage.decoded(payload)
+        requested = FtpMessage.decoded(payload)
         answers = super().answer(payload)
-        if asked.operation != self._operation:
+        if requested.operation != self._operation:
             return answers
-        return [answer.encoded() for answer in self._change(asked, [FtpMessage.decoded(answer) for answer in answers])]
+        return [
+            answer.encoded() for answer in self._change(requested, [FtpMessage.decoded(answer) for answer in answers])
+        ]
 
 
 def keeping(content: bytes, *, burst: int = 64, **peer: int) -> KeepsFiles:
@@ -64,10 +66,10 @@ def test_every_byte_comes_back(size: int, loss: float) -> None:
     content = Random(size).randbytes(size)
     peer = keeping(content)
     client = connected(peer, seed=size, conditions=Conditions(loss=loss))
-    told: list[tuple[int, int]] = []
-    got = FileDownloads(client).download(PATH, progress=lambda done, total: told.append((done, total)))
+    reported: list[tuple[int, int]] = []
+    got = FileDownloads(client).download(PATH, progress=lambda done, total: reported.append((done, total)))
     assert got == content == read_one_by_one(FtpServer({PATH: bytearray(content)}), PATH)
-    assert told == sorted(told)
+    assert reported == sorted(reported)
     assert client.services == []
 
 
@@ -91,12 +93,12 @@ def test_a_download_goes_on_where_the_link_left_it(deaf_from: int) -> None:
     downloads = FileDownloads(connected(peer), silent_s=5.0)
     with pytest.raises(TransferSilentError, match=r"no new data for 5 s\) after \d+ of 23900 bytes"):
         downloads.download(PATH)
-    had = peer.asked.count(FtpOperation.BURST_READ_FILE)
+    had = peer.requested.count(FtpOperation.BURST_READ_FILE)
     peer.deaf_from = 1 << 40
-    peer.asked.clear()
+    peer.requested.clear()
     assert downloads.download(PATH) == content
     assert had
-    assert peer.asked.count(FtpOperation.BURST_READ_FILE) <= 7 - (deaf_from - 2)  # 7 bursts are the whole
+    assert peer.requested.count(FtpOperation.BURST_READ_FILE) <= 7 - (deaf_from - 2)  # 7 bursts are the whole
 
 
 def test_a_file_that_was_replaced_in_between_is_read_anew() -> None:
@@ -132,8 +134,10 @@ def test_a_file_may_end_before_the_announced_size(real: int, announced: int, los
 
 @pytest.mark.parametrize("error", [FtpError.UNKNOWN_COMMAND, FtpError.END_OF_FILE])
 def test_a_vehicle_without_bursts_is_read_one_by_one(error: FtpError) -> None:
-    def refuse(asked: FtpMessage, _: list[FtpMessage]) -> list[FtpMessage]:
-        nak = FtpMessage((asked.seq + 1) % 65536, FtpOperation.NAK, data=bytes([error]), answers=asked.operation)
+    def refuse(requested: FtpMessage, _: list[FtpMessage]) -> list[FtpMessage]:
+        nak = FtpMessage(
+            (requested.seq + 1) % 65536, FtpOperation.NAK, data=bytes([error]), answers=requested.operation
+        )
         return [nak]
 
     content = Random(2).randbytes(30 * 239 + 7)
@@ -264,9 +268,9 @@ def test_nonsense_lists_are_refused(page: Callable[[int], bytes], telling: str) 
     listing = FtpListing("/", now=0.0)
     now = 0.0
     while not listing.finished:
-        for asked in listing.messages_to_send(now):
+        for requested in listing.messages_to_send(now):
             answer = FtpMessage(
-                (asked.seq + 1) % 65536, FtpOperation.ACK, data=page(asked.offset), answers=asked.operation
+                (requested.seq + 1) % 65536, FtpOperation.ACK, data=page(requested.offset), answers=requested.operation
             )
             listing.receive(answer.encoded(), now + 0.01)
         now += 0.02

@@ -54,8 +54,8 @@ class ErrorForItem2(VehiclePeer):
     """Has an ERROR in place of item 2."""
 
     def instead(self, message: m.Message, *_: object) -> Iterable[m.Message] | None:
-        asked = isinstance(message, m.MissionRequestInt) and message.seq == 2
-        return [m.MissionAck(255, 190, 1)] if asked else None
+        requested = isinstance(message, m.MissionRequestInt) and message.seq == 2
+        return [m.MissionAck(255, 190, 1)] if requested else None
 
 
 class AnotherCountEachTime(VehiclePeer):

@@ -6,7 +6,7 @@ from mission_io.autopilots.autopilot import PX4
 from mission_io.errors import MisuseError
 from mission_io.links.simulated import Conditions
 from mission_io.model.items import MissionType
-from mission_io.protocol.timing import AnswerDelay, Departures, Patience, RoundTrip, Timing
+from mission_io.protocol.timing import AnswerDelay, Departures, RetryLimits, RoundTrip, Timing
 from tests.mission_io.protocol.scripts import items
 from tests.mission_io.vehicle import VehiclePeer, connected
 
@@ -34,30 +34,30 @@ def test_steady_measurements_end_in_the_measurement() -> None:
 
 
 def test_doubtful_answers_become_a_bound_after_a_run_of_them() -> None:
-    patience = Patience()
+    retry_limits = RetryLimits()
     for bound_s in (0.9, 0.7):
-        patience = patience.after(AnswerDelay(bound_s, certain=False))
-        assert patience.round_trip is None
-    patience = patience.after(AnswerDelay(0.8, certain=False))
-    assert patience.round_trip is not None
-    assert (patience.round_trip.smoothed_s, patience.is_bound) == (0.7, True)
+        retry_limits = retry_limits.after(AnswerDelay(bound_s, certain=False))
+        assert retry_limits.round_trip is None
+    retry_limits = retry_limits.after(AnswerDelay(0.8, certain=False))
+    assert retry_limits.round_trip is not None
+    assert (retry_limits.round_trip.smoothed_s, retry_limits.is_bound) == (0.7, True)
     for _ in range(5):
-        patience = patience.after(AnswerDelay(0.6, certain=False))
-    assert patience.round_trip == RoundTrip(0.6, 0.6 / 64.0), "a tighter bound"
-    assert patience.after(AnswerDelay(0.01, certain=True)).round_trip == RoundTrip.first(0.01), (
+        retry_limits = retry_limits.after(AnswerDelay(0.6, certain=False))
+    assert retry_limits.round_trip == RoundTrip(0.6, 0.6 / 64.0), "a tighter bound"
+    assert retry_limits.after(AnswerDelay(0.01, certain=True)).round_trip == RoundTrip.first(0.01), (
         "a measurement replaces it"
     )
 
 
 def test_a_link_that_became_slow_is_noticed_after_eight_doubtful_answers() -> None:
-    patience = Patience(RoundTrip(0.002, 0.0))
+    retry_limits = RetryLimits(RoundTrip(0.002, 0.0))
     for _ in range(7):
-        patience = patience.after(AnswerDelay(0.6, certain=False))
-    assert patience.round_trip == RoundTrip(0.002, 0.0)
-    patience = patience.after(AnswerDelay(0.6, certain=False))
-    assert patience.round_trip is not None
-    assert patience.round_trip.smoothed_s == 0.6
-    assert Patience(RoundTrip(0.002, 0.0), doubtful=7).after(AnswerDelay(0.002, certain=True)).doubtful == 0
+        retry_limits = retry_limits.after(AnswerDelay(0.6, certain=False))
+    assert retry_limits.round_trip == RoundTrip(0.002, 0.0)
+    retry_limits = retry_limits.after(AnswerDelay(0.6, certain=False))
+    assert retry_limits.round_trip is not None
+    assert retry_limits.round_trip.smoothed_s == 0.6
+    assert RetryLimits(RoundTrip(0.002, 0.0), doubtful=7).after(AnswerDelay(0.002, certain=True)).doubtful == 0
 
 
 def test_departures_forget_what_is_answered() -> None:
@@ -79,8 +79,8 @@ def test_departures_forget_what_is_answered() -> None:
 def test_the_round_trip_of_a_link_is_found(delay_s: float) -> None:
     client = connected(VehiclePeer(PX4), conditions=Conditions(delay_s=delay_s))
     client.upload(MissionType.MISSION, items(30))
-    assert client.patience.round_trip is not None
-    assert client.patience.round_trip.smoothed_s == pytest.approx(2 * delay_s, rel=0.3)
+    assert client.retry_limits.round_trip is not None
+    assert client.retry_limits.round_trip.smoothed_s == pytest.approx(2 * delay_s, rel=0.3)
 
 
 @pytest.mark.parametrize("loss", [0.2, 0.4])
@@ -89,8 +89,8 @@ def test_and_of_one_that_loses_much(loss: float) -> None:
     for seed in range(9):
         client = connected(VehiclePeer(PX4), seed=seed, conditions=Conditions(delay_s=0.05, loss=loss))
         client.upload(MissionType.MISSION, items(60))
-        assert client.patience.round_trip is not None
-        found.append(client.patience.round_trip.smoothed_s)
+        assert client.retry_limits.round_trip is not None
+        found.append(client.retry_limits.round_trip.smoothed_s)
     assert 0.09 < sorted(found)[4] < 0.2
 
 
@@ -108,10 +108,10 @@ def test_a_slow_link_is_not_filled_with_duplicates() -> None:
 def test_what_was_learnt_serves_the_next_transfer() -> None:
     client = connected(VehiclePeer(PX4), conditions=Conditions(delay_s=0.3))
     client.download(MissionType.FENCE)
-    learnt = client.patience
+    learnt = client.retry_limits
     client.upload(MissionType.MISSION, items(3))
-    assert client.patience is not learnt
-    assert client.patience.round_trip is not None
+    assert client.retry_limits is not learnt
+    assert client.retry_limits.round_trip is not None
 
 
 @pytest.mark.parametrize(

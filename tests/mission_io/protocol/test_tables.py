@@ -69,11 +69,11 @@ class Recording(Table):  # type: ignore[type-arg]
 
     def __init__(self, rows: Any) -> None:
         super().__init__(rows)
-        self.seen: set[Row] = set()  # type: ignore[type-arg]
+        self.observed: set[Row] = set()  # type: ignore[type-arg]
 
     def row(self, state: Any, event: Any) -> Any:
         row = super().row(state, event)
-        self.seen.add(row)
+        self.observed.add(row)
         return row
 
 
@@ -86,7 +86,7 @@ def test_without_any_one_row_a_script_fails(machine: str, monkeypatch: pytest.Mo
         recording = Recording(table.rows)
         monkeypatch.setattr(cls, "table", recording)
         run(script)
-        for row in recording.seen:
+        for row in recording.observed:
             users.setdefault(row, script)
     unused = [f"{row.state.name} {row.event.name}" for row in table.rows if row not in users]
     assert not unused, "no script needs these rows"

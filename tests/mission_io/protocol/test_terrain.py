@@ -6,15 +6,15 @@ import pytest
 
 from mission_io.errors import MisuseError
 from mission_io.links.simulated import Conditions
-from mission_io.protocol.terrain import ALL_PARTS, PART_COUNT, TerrainAnswers, place_in_block
+from mission_io.protocol.terrain import ALL_PARTS, PART_COUNT, TerrainAnswers, position_in_block
 from mission_io.protocol.timing import VALUES
 from mission_io.wire.messages import Heartbeat, Received
 from mission_io.wire.telemetry_messages import TerrainData, TerrainRequest
 from tests.mission_io.vehicle import VehiclePeer, connected
 
 
-def hill(places: Sequence[tuple[float, float]]) -> list[float]:
-    return [1000.0 * (lat - 46.0) + 500.0 * (lon - 8.0) for lat, lon in places]
+def hill(positions: Sequence[tuple[float, float]]) -> list[float]:
+    return [1000.0 * (lat - 46.0) + 500.0 * (lon - 8.0) for lat, lon in positions]
 
 
 def heard(message: object) -> Received:
@@ -22,7 +22,7 @@ def heard(message: object) -> Received:
 
 
 def request(lat: float = 46.51, lon: float = 8.27, spacing_m: int = 100, mask: int = ALL_PARTS) -> TerrainRequest:
-    corner = place_in_block(lat, lon, spacing_m).block.corner_e7
+    corner = position_in_block(lat, lon, spacing_m).block.corner_e7
     return TerrainRequest(corner[0] / 1e7, corner[1] / 1e7, spacing_m, mask)
 
 
@@ -42,8 +42,10 @@ def test_every_requested_part_is_sent_once(mask: int) -> None:
     answers.receive(heard(request(mask=mask)), 0.0)
     sent = everything(answers)
     assert [data.part for data in sent] == [part for part in range(PART_COUNT) if mask >> part & 1]
-    asked = request()
-    assert {(data.lat_deg, data.lon_deg, data.spacing_m) for data in sent} == {(asked.lat_deg, asked.lon_deg, 100)}
+    requested = request()
+    assert {(data.lat_deg, data.lon_deg, data.spacing_m) for data in sent} == {
+        (requested.lat_deg, requested.lon_deg, 100)
+    }
     assert answers.next_timer() is None
     assert answers.counts.parts_sent == len(sent)
 
@@ -74,17 +76,19 @@ def test_a_program_that_slept_does_not_send_a_burst() -> None:
 
 
 def test_unknown_ground_is_not_sent_and_told_once() -> None:
-    told: list[str] = []
-    asked = request()
-    answers = TerrainAnswers(lambda places: [math.nan if lon > 8.28 else 5.0 for _, lon in places], say=told.append)
+    reported: list[str] = []
+    requested = request()
+    answers = TerrainAnswers(
+        lambda positions: [math.nan if lon > 8.28 else 5.0 for _, lon in positions], say=reported.append
+    )
     for turn in range(5):
-        answers.receive(heard(asked), 100.0 * turn)
+        answers.receive(heard(requested), 100.0 * turn)
         sent = everything(answers, 100.0 * turn)
         assert 0 < len(sent) < PART_COUNT
         assert all(data.heights_amsl_m == (5,) * 16 for data in sent)
-    assert len(told) == 1
-    assert f"latitude {asked.lat_deg:.5f}" in told[0]
-    assert "no elevation data for" in told[0]
+    assert len(reported) == 1
+    assert f"latitude {requested.lat_deg:.5f}" in reported[0]
+    assert "no elevation data for" in reported[0]
     assert answers.counts.blocks == answers.counts.blocks_incomplete == 1
     assert answers.counts.parts_sent + answers.counts.parts_unknown == 5 * PART_COUNT
 
@@ -101,16 +105,16 @@ def _nonsense(rng: Random) -> TerrainRequest:
 @pytest.mark.parametrize("seed", range(6))
 def test_a_flood_of_nonsense_stays_within_limits(seed: int) -> None:
     rng = Random(seed)
-    told: list[str] = []
+    reported: list[str] = []
     calls = 0
 
-    def ground(places: Sequence[tuple[float, float]]) -> list[float]:
+    def ground(positions: Sequence[tuple[float, float]]) -> list[float]:
         nonlocal calls
         calls += 1
-        assert all(abs(lat) <= 90.0 and -180.0 <= lon <= 180.0 for lat, lon in places)
-        return [rng.choice([math.nan, 1e9, -1e9, 400.0, 401.4]) for _ in places]
+        assert all(abs(lat) <= 90.0 and -180.0 <= lon <= 180.0 for lat, lon in positions)
+        return [rng.choice([math.nan, 1e9, -1e9, 400.0, 401.4]) for _ in positions]
 
-    answers = TerrainAnswers(ground, say=told.append)
+    answers = TerrainAnswers(ground, say=reported.append)
     sent, now = 0, 0.0
     for _ in range(3000):
         answers.receive(heard(_nonsense(rng)), now)
@@ -123,7 +127,7 @@ def test_a_flood_of_nonsense_stays_within_limits(seed: int) -> None:
     assert counts.refused > 100
     assert sent <= 35.0 * (now + 1.0)
     assert calls <= 35.0 * (now + 1.0)  # blocks are reckoned as seldom as parts are sent
-    assert len(told) <= 10
+    assert len(reported) <= 10
     assert len(everything(answers, now, 1e6)) <= VALUES.max_waiting * PART_COUNT
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.naive.active_times import in_force_in
-from uavcover.model.limits import DAYS, NoFly, active_period, flown_window, is_flight_time, window_in_words
+from uavcover.model.limits import DAYS, NoFly, active_period, flown_window, is_flight_time, window_text
 from uavcover.scenario.airspace.zone_file import read_zones
 
 MONDAY = datetime(2026, 6, 1, tzinfo=UTC)
@@ -95,7 +95,7 @@ def test_times_that_no_flight_has():
     assert is_flight_time(1_780_000_000.0)
     assert flown_window(np.array([np.nan, np.nan])) is None
     begin, end = flown_window(np.array([np.nan, 1_780_000_000.0, 1_780_000_090.0]))
-    assert window_in_words((begin, end)) == f"{begin:%Y-%m-%d %H:%M} to {end:%H:%M} UTC"
+    assert window_text((begin, end)) == f"{begin:%Y-%m-%d %H:%M} to {end:%H:%M} UTC"
 
 
 JUNE = "2026-06-01T00:00:00Z/2026-06-30T00:00:00Z"

@@ -32,8 +32,8 @@ def feature(geometry=None, **properties):
 
 
 def ed269(*volumes, **about):
-    told = {"identifier": "CHE-1", "country": "CHE", "name": "Airport", "restriction": "REQ_AUTHORISATION", **about}
-    return {**told, "geometry": list(volumes)}
+    reported = {"identifier": "CHE-1", "country": "CHE", "name": "Airport", "restriction": "REQ_AUTHORISATION", **about}
+    return {**reported, "geometry": list(volumes)}
 
 
 def volume(shape=None, **heights):
@@ -257,8 +257,8 @@ def test_a_mended_zone_keeps_its_holes_and_nothing_else_open(tmp_path):
     holes = [[[8.0, y], [8.004, y], [8.004, y + 0.006], [8.0, y + 0.006], [8.0, y]] for y in (46.504, 46.508)]
     text = geojson(feature({"type": "Polygon", "coordinates": [RING, *holes]}, name="a"))
     (zone,), _ = zones_of(tmp_path, "z.geojson", text, make_valid=True)
-    mended = shapely.union_all([shapely.Polygon(rings[0], rings[1:]) for rings in zone.parts])
-    assert mended.area == pytest.approx(0.02 * 0.02 - 0.004 * 0.010)
+    repairs = shapely.union_all([shapely.Polygon(rings[0], rings[1:]) for rings in zone.parts])
+    assert repairs.area == pytest.approx(0.02 * 0.02 - 0.004 * 0.010)
 
 
 def test_fuzzed_zones_are_one_short_line(tmp_path):

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import shapely
 
-from tests.naive.ways import shortest_length
+from tests.naive.paths import shortest_length
 from tests.naive.zones import enters
 from tests.planner.sites import flat, make_site
 from uavcover.model.limits import NoFly
-from uavcover.scenario.airspace.zones import WayRound, ZoneCheck, around_circle, local_zones
+from uavcover.scenario.airspace.zones import PathAround, ZoneCheck, around_circle, local_zones
 
 EVERYWHERE = shapely.box(-1e5, -1e5, 1e5, 1e5)
 SQUARE = ((100.0, 0.0), (200.0, 0.0), (200.0, 100.0), (100.0, 100.0))
@@ -27,8 +27,8 @@ def check_of(zone, *, height_margin_m=0.0, margins=False, ups=slope):
     return ZoneCheck((zone,), site.ground, None, height_margin_m=height_margin_m, margins=margins)
 
 
-def breaches(check, *places):
-    return check.leg_breaches(np.array(places, dtype=float))
+def breaches(check, *positions):
+    return check.leg_breaches(np.array(positions, dtype=float))
 
 
 def random_zone(rng):
@@ -63,12 +63,12 @@ def test_no_leg_enters_unseen_and_none_is_refused_without_reason(seed, margins):
         if rng.random() < 0.2:
             q[:2] = p[:2]
         truly = enters(zone, slope, p, q, alt_offset_m=0.0, samples=800, **kept)
-        told = bool(breaches(check, p, q))
+        reported = bool(breaches(check, p, q))
         if truly:
             # Samples that are in it are proof; a plumb line is straight here, so nothing is near enough to doubt.
-            assert told, (zone, p, q)
+            assert reported, (zone, p, q)
         elif (
-            told
+            reported
             and not (zone.entry.floor_agl_m and zone.entry.ceiling_amsl_m)
             and not (zone.entry.floor_amsl_m and zone.entry.ceiling_agl_m)
         ):
@@ -185,7 +185,7 @@ def test_many_zones_at_once_are_as_one_at_a_time():
     together = ZoneCheck(tuple(zones), site.ground, None, height_margin_m=5.0, margins=True)
     for many, each in (
         (together.leg_breaches(route), [check.leg_breaches(route) for check in checks]),
-        (together.place_breaches(route), [check.place_breaches(route) for check in checks]),
+        (together.position_breaches(route), [check.position_breaches(route) for check in checks]),
     ):
         alone = [(b.leg, z, b.depth_m, b.at) for z, found in enumerate(each) for b in found]
         assert [(b.leg, b.zone) for b in many] == [(leg, z) for leg, z, *_ in sorted(alone)]
@@ -196,8 +196,8 @@ def test_many_zones_at_once_are_as_one_at_a_time():
 def test_depth_in_a_zone_with_many_corners_is_the_distance_to_its_edge():
     angles = np.linspace(0.0, 2.0 * np.pi, 500, endpoint=False)
     zone = zone_of(polygon_east_north_m=tuple((50.0 * np.cos(a), 50.0 * np.sin(a)) for a in angles.tolist()))
-    places = np.array([[3.0, 4.0, 50.0], [30.0, 0.0, 50.0], [70.0, 0.0, 50.0]])
-    found = check_of(zone, ups=flat).place_breaches(places)
+    positions = np.array([[3.0, 4.0, 50.0], [30.0, 0.0, 50.0], [70.0, 0.0, 50.0]])
+    found = check_of(zone, ups=flat).position_breaches(positions)
     assert [breach.leg for breach in found] == [0, 1]
     assert [breach.depth_m for breach in found] == pytest.approx([45.0, 20.0], abs=0.01)
 
@@ -213,32 +213,32 @@ def random_region(rng):
 def test_ways_are_inside_and_the_shortest(seed):
     rng = np.random.default_rng(seed)
     region = random_region(rng)
-    ways = WayRound(region)
+    paths = PathAround(region)
     for _ in range(4):
-        a, b = (ways.inside(place) for place in rng.uniform(0, 200, (2, 2)))
-        way = ways.between(a, b)
-        np.testing.assert_array_equal(way[[0, -1]], [a, b])
-        assert shapely.LineString(way).length == 0.0 or region.buffer(1e-6).covers(shapely.LineString(way))
+        a, b = (paths.inside(position) for position in rng.uniform(0, 200, (2, 2)))
+        path = paths.between(a, b)
+        np.testing.assert_array_equal(path[[0, -1]], [a, b])
+        assert shapely.LineString(path).length == 0.0 or region.buffer(1e-6).covers(shapely.LineString(path))
         # Corners of ways are 2 cm inside.
-        assert np.hypot(*np.diff(way, axis=0).T).sum() == pytest.approx(shortest_length(region, a, b), abs=0.5)
+        assert np.hypot(*np.diff(path, axis=0).T).sum() == pytest.approx(shortest_length(region, a, b), abs=0.5)
 
 
 def test_there_is_no_way_to_another_piece():
-    ways = WayRound(shapely.MultiPolygon([shapely.box(0, 0, 10, 10), shapely.box(20, 0, 30, 10)]))
-    assert ways.between(np.array([5.0, 5.0]), np.array([25.0, 5.0])) is None
-    assert ways.between(np.array([5.0, 5.0]), np.array([8.0, 5.0])).tolist() == [[5.0, 5.0], [8.0, 5.0]]
+    paths = PathAround(shapely.MultiPolygon([shapely.box(0, 0, 10, 10), shapely.box(20, 0, 30, 10)]))
+    assert paths.between(np.array([5.0, 5.0]), np.array([25.0, 5.0])) is None
+    assert paths.between(np.array([5.0, 5.0]), np.array([8.0, 5.0])).tolist() == [[5.0, 5.0], [8.0, 5.0]]
 
 
 def test_places_outside_move_to_the_nearest_inside():
-    ways = WayRound(shapely.box(0, 0, 10, 10))
-    np.testing.assert_allclose(ways.inside(np.array([15.0, 4.0])), [9.98, 4.0])
-    np.testing.assert_array_equal(ways.inside(np.array([5.0, 4.0])), [5.0, 4.0])
+    paths = PathAround(shapely.box(0, 0, 10, 10))
+    np.testing.assert_allclose(paths.inside(np.array([15.0, 4.0])), [9.98, 4.0])
+    np.testing.assert_array_equal(paths.inside(np.array([5.0, 4.0])), [5.0, 4.0])
 
 
 def test_nothing_is_in_an_empty_region():
-    ways = WayRound(shapely.Polygon())
-    assert ways.between(np.array([5.0, 5.0]), np.array([25.0, 5.0])) is None
-    assert ways.inside(np.array([5.0, 5.0])).tolist() == [5.0, 5.0]
+    paths = PathAround(shapely.Polygon())
+    assert paths.between(np.array([5.0, 5.0]), np.array([25.0, 5.0])) is None
+    assert paths.inside(np.array([5.0, 5.0])).tolist() == [5.0, 5.0]
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -246,12 +246,12 @@ def test_a_line_is_kept_wherever_it_is_inside(seed):
     """Every place of the line that is well inside is on the way; what is between such pieces is the shortest way."""
     rng = np.random.default_rng(seed)
     region = random_region(rng)
-    ways = WayRound(region)
+    paths = PathAround(region)
     for _ in range(4):
-        a, b = (ways.inside(place) for place in rng.uniform(0, 200, (2, 2)))
-        way = ways.along(a, b)
-        np.testing.assert_array_equal(way[[0, -1]], [a, b])
-        flown = shapely.LineString(way)
+        a, b = (paths.inside(position) for position in rng.uniform(0, 200, (2, 2)))
+        path = paths.along(a, b)
+        np.testing.assert_array_equal(path[[0, -1]], [a, b])
+        flown = shapely.LineString(path)
         assert region.buffer(1e-6).covers(flown)
         line = shapely.LineString([a, b])
         kept = line.intersection(region.buffer(-0.1))
@@ -261,7 +261,7 @@ def test_a_line_is_kept_wherever_it_is_inside(seed):
 
 
 def test_a_zone_in_the_middle_of_a_line_does_not_move_its_ends():
-    ways = WayRound(shapely.box(0, 0, 100, 700).difference(shapely.box(40, 300, 70, 340)))
-    way = ways.along(np.array([50.0, 5.0]), np.array([50.0, 695.0]))
-    np.testing.assert_allclose(way, [[50, 5], [50, 300], [40, 300], [40, 340], [50, 340], [50, 695]], atol=0.05)
-    assert len(ways.between(np.array([50.0, 5.0]), np.array([50.0, 695.0]))) == 4
+    paths = PathAround(shapely.box(0, 0, 100, 700).difference(shapely.box(40, 300, 70, 340)))
+    path = paths.along(np.array([50.0, 5.0]), np.array([50.0, 695.0]))
+    np.testing.assert_allclose(path, [[50, 5], [50, 300], [40, 300], [40, 340], [50, 340], [50, 695]], atol=0.05)
+    assert len(paths.between(np.array([50.0, 5.0]), np.array([50.0, 695.0]))) == 4

@@ -43,9 +43,9 @@ def write(folder, name, geographic, grid, epsg):
     return written.gis(path, grid, epsg, driver=GIS[name])
 
 
-def in_metres(parts, place):
+def in_metres(parts, position):
     """The union of parts of (longitude, latitude) rings in a frame at the place."""
-    lat, lon, _ = written.PLACES[place]
+    lat, lon, _ = written.POSITIONS[position]
     frame = LocalFrame(lat, lon, 0.0)
 
     def ring(corners):
@@ -63,39 +63,39 @@ def rings(part):
 @settings(max_examples=40)
 @given(
     seed=st.integers(0, 2**32),
-    place=st.sampled_from(sorted(written.PLACES)),
+    position=st.sampled_from(sorted(written.POSITIONS)),
     form=st.sampled_from(["geojson", "wkt", "kml", "kmz", "plan", "poly", *GIS]),
     parts=st.integers(1, 3),
     holes=st.integers(0, 2),
 )
-def test_what_is_written_is_read(tmp_path_factory, seed, place, form, parts, holes):
+def test_what_is_written_is_read(tmp_path_factory, seed, position, form, parts, holes):
     parts, holes = (1 if form == "poly" else parts), (0 if form in ("poly", "plan") else holes)
-    geographic, grid, epsg = written.at_place(written.drawn_parts(seed, parts, holes), place)
+    geographic, grid, epsg = written.at_position(written.drawn_parts(seed, parts, holes), position)
     path = write(tmp_path_factory.mktemp("area"), form, geographic, grid, epsg)
     found = read_area(AreaQuery(source=str(path)))
     assert found.is_file
     assert not found.notes
     assert len(found.parts) == parts
     assert sum(len(rings) - 1 for rings in found.parts) == parts * holes
-    truth, read = in_metres([rings(part) for part in geographic], place), in_metres(found.parts, place)
+    truth, read = in_metres([rings(part) for part in geographic], position), in_metres(found.parts, position)
     # A Swiss place goes through a datum shift of metres and back; the others keep every corner within a millimetre.
     assert truth.symmetric_difference(read).area < truth.length * (2.0 if epsg == 2056 else 1e-3)
 
 
-@pytest.mark.parametrize("place", sorted(written.PLACES))
-def test_one_feature_by_name_or_number(tmp_path, place):
-    geographic, _, _ = written.at_place(written.drawn_parts(7, 3, 1), place)
+@pytest.mark.parametrize("position", sorted(written.POSITIONS))
+def test_one_feature_by_name_or_number(tmp_path, position):
+    geographic, _, _ = written.at_position(written.drawn_parts(7, 3, 1), position)
     for path in (written.geojson(tmp_path / "a.geojson", geographic), written.kml(tmp_path / "a.kml", geographic)):
         second = read_area(AreaQuery(source=str(path), feature="2"))
         assert second == read_area(AreaQuery(source=str(path), feature="FIELD 2"))
         assert second.name == "field 2"
-        truth = in_metres([rings(geographic[1])], place)
-        assert in_metres(second.parts, place).symmetric_difference(truth).area < 1e-3
+        truth = in_metres([rings(geographic[1])], position)
+        assert in_metres(second.parts, position).symmetric_difference(truth).area < 1e-3
 
 
 def test_folders_of_kml_and_layers_of_a_geopackage_are_layers(tmp_path):
-    one, _, _ = written.at_place(written.drawn_parts(1, 1, 0), "Tennessee")
-    two, _, _ = written.at_place(written.drawn_parts(2, 2, 0), "Tennessee")
+    one, _, _ = written.at_position(written.drawn_parts(1, 1, 0), "Tennessee")
+    two, _, _ = written.at_position(written.drawn_parts(2, 2, 0), "Tennessee")
     text = written.kml_text(one, folder="north")
     inside = written.kml_text(two, folder="south").partition("<name>a map</name>")[2].partition("</Document>")[0]
     (tmp_path / "a.kml").write_text(text.replace("</Document>", inside + "</Document>"), encoding="utf-8")
@@ -121,7 +121,7 @@ def test_geojson_that_was_cut_at_180_degrees_is_one_polygon(tmp_path):
 
 
 def test_rings_keep_every_bit_without_a_change_of_system(tmp_path):
-    geographic, _, _ = written.at_place(written.drawn_parts(3, 1, 2), "Tennessee")
+    geographic, _, _ = written.at_position(written.drawn_parts(3, 1, 2), "Tennessee")
     path = written.geojson(tmp_path / "a.geojson", geographic)
     (part,) = read_area(AreaQuery(source=str(path))).parts
     assert [list(ring) for ring in part] == rings(geographic[0])
@@ -177,7 +177,7 @@ def test_a_scenario_is_no_area(source):
 
 
 def test_swapped_axes_and_a_system_that_is_told(tmp_path):
-    geographic, grid, epsg = written.at_place(written.drawn_parts(5, 1, 1), "southern hemisphere")
+    geographic, grid, epsg = written.at_position(written.drawn_parts(5, 1, 1), "southern hemisphere")
     right = in_metres([rings(geographic[0])], "southern hemisphere")
     swapped = [shapely.transform(part, lambda p: p[:, ::-1]) for part in geographic]
     path = written.geojson(tmp_path / "a.geojson", swapped)
@@ -231,33 +231,35 @@ def test_mended_area_is_the_outline_without_any_hole(drawn):
             raise
         found = None
     mended = shapely.union_all([shapely.Polygon(r[0], r[1:]) for r in found.parts]) if found else shapely.Polygon()
-    places = shapely.points([(8.0 + 1e-3 * (x + 0.31), 46.0 + 1e-3 * (y + 0.37)) for x in range(10) for y in range(10)])
+    positions = shapely.points(
+        [(8.0 + 1e-3 * (x + 0.31), 46.0 + 1e-3 * (y + 0.37)) for x in range(10) for y in range(10)]
+    )
     lines = shapely.union_all([shapely.LineString(ring) for ring in (outer, *holes)])
 
-    def enclosed(ring, place):
+    def enclosed(ring, position):
         """By the winding number: independent of any library's idea of a valid ring."""
-        turns = [math.atan2(y - place.y, x - place.x) for x, y in ring]
+        turns = [math.atan2(y - position.y, x - position.x) for x, y in ring]
         steps = [math.remainder(b - a, 2.0 * math.pi) for a, b in pairwise(turns)]
         return round(sum(steps) / (2.0 * math.pi)) != 0
 
-    def crossings(ring, place):
+    def crossings(ring, position):
         """By the number of crossings, which counts a part that a ring encloses twice in both directions."""
         hits = [
-            (y0 > place.y) != (y1 > place.y) and place.x < x0 + (place.y - y0) / (y1 - y0) * (x1 - x0)
+            (y0 > position.y) != (y1 > position.y) and position.x < x0 + (position.y - y0) / (y1 - y0) * (x1 - x0)
             for (x0, y0), (x1, y1) in pairwise(ring)
         ]
         return sum(hits) % 2 == 1
 
-    for place in places:
-        if lines.distance(place) < 1e-5:
+    for position in positions:
+        if lines.distance(position) < 1e-5:
             continue
-        in_hole = any(enclosed(hole, place) or crossings(hole, place) for hole in holes)
-        in_outline = enclosed(outer, place) or crossings(outer, place)
-        assert mended.covers(place) == (in_outline and not in_hole), (source, place.wkt)
+        in_hole = any(enclosed(hole, position) or crossings(hole, position) for hole in holes)
+        in_outline = enclosed(outer, position) or crossings(outer, position)
+        assert mended.covers(position) == (in_outline and not in_hole), (source, position.wkt)
 
 
 def test_a_scenario_names_such_a_file_and_is_whole_without_it(tmp_path):
-    geographic, _, _ = written.at_place(written.drawn_parts(9, 2, 1), "Tennessee")
+    geographic, _, _ = written.at_position(written.drawn_parts(9, 2, 1), "Tennessee")
     (tmp_path / "sub").mkdir()
     written.kml(tmp_path / "sub" / "area.kml", geographic)
     text = survey_text('file = "sub/area.kml"\nfeature = "field 2"', '"bundled:jacksboro.tif"', (36.48, -84.22))

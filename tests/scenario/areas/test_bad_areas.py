@@ -217,7 +217,7 @@ def test_a_size_in_the_directory_that_lies_fills_no_memory(tmp_path, monkeypatch
 def test_any_damage_is_one_line_or_an_area(tmp_path, seed):
     """Bytes of good files changed, cut or doubled: never a trace."""
     rng = np.random.default_rng(seed)
-    parts, _, _ = written.at_place(written.drawn_parts(seed, 2, 1), "Tennessee")
+    parts, _, _ = written.at_position(written.drawn_parts(seed, 2, 1), "Tennessee")
     name = ("a.geojson", "a.kml", "a.kmz", "a.wkt", "a.poly", "a.plan")[seed % 6]
     path = tmp_path / name
     match name:
@@ -263,7 +263,7 @@ def test_shapes_that_are_no_area_are_no_missing_file(tmp_path, text, words):
 
 def test_a_layer_that_is_not_there_is_named_before_systems_that_differ(tmp_path):
     pytest.importorskip("pyogrio")
-    parts, _, _ = written.at_place(written.drawn_parts(1, 1, 0), "Tennessee")
+    parts, _, _ = written.at_position(written.drawn_parts(1, 1, 0), "Tennessee")
     written.gis(tmp_path / "a.gpkg", parts, 4326, driver="GPKG", layer="fields")
     written.gis(tmp_path / "a.gpkg", parts, 32616, driver="GPKG", layer="forest")
     assert "a.gpkg: the layers (fields, forest) differ" in refused(tmp_path, "a.gpkg")
@@ -274,7 +274,7 @@ def test_a_layer_that_is_not_there_is_named_before_systems_that_differ(tmp_path)
 
 def test_bad_zips(tmp_path):
     pytest.importorskip("pyogrio")
-    parts, _, _ = written.at_place(written.drawn_parts(1, 1, 0), "Tennessee")
+    parts, _, _ = written.at_position(written.drawn_parts(1, 1, 0), "Tennessee")
     written.gis(tmp_path / "fields.shp", parts, 4326, driver="ESRI Shapefile")
     shapes = [(path.name, path.read_bytes()) for path in sorted(tmp_path.glob("fields.*"))]
     zipped(tmp_path / "good.zip", shapes)
@@ -298,7 +298,7 @@ def test_without_pyogrio_the_line_says_how_to_get_it(tmp_path, monkeypatch):
 
 def test_bad_gis_files(tmp_path):
     pytest.importorskip("pyogrio")
-    parts, grid, epsg = written.at_place(written.drawn_parts(1, 1, 0), "Tennessee")
+    parts, grid, epsg = written.at_position(written.drawn_parts(1, 1, 0), "Tennessee")
     (tmp_path / "a.gpkg").write_bytes(b"SQLite format 3\0 nothing")
     assert "cannot be read" in refused(tmp_path, "a.gpkg")
     written.gis(tmp_path / "b.shp", grid, epsg, driver="ESRI Shapefile")

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from pyproj import CRS, Transformer
 
-PLACES = {
+POSITIONS = {
     "Alps, a valley at 2,500 m": (46.55, 8.03, 32632),
     "Swiss grid": (46.55, 8.03, 2056),
     "Tennessee": (36.48, -84.22, 32616),
@@ -44,9 +44,9 @@ def drawn_parts(seed, parts, holes):
     return found
 
 
-def at_place(parts, place):
+def at_position(parts, position):
     """The same in longitude and latitude, and in the projected system of the place; longitudes within 180 degrees."""
-    lat, lon, epsg = PLACES[place]
+    lat, lon, epsg = POSITIONS[position]
     local = CRS.from_proj4(f"+proj=aeqd +lat_0={lat} +lon_0={lon} +datum=WGS84")
     to_degrees = Transformer.from_crs(local, 4326, always_xy=True)
     to_grid = Transformer.from_crs(4326, epsg, always_xy=True)

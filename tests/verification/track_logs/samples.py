@@ -31,7 +31,7 @@ def velocity_ned_m_s(time_s: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Picture:
+class Photo:
     """A picture of a log: when, where if it names a place, its number, whether it was taken, and which message tells of it."""
 
     time_s: float
@@ -42,11 +42,11 @@ class Picture:
     kind: str = "picture"
 
 
-def pictures_at(samples: list[int]) -> list[Picture]:
+def photos_at(samples: list[int]) -> list[Photo]:
     """A picture at each of these samples of the flight, 0.05 s before its time, where the vehicle was."""
     positions, _ = flight()
     at = [positions[k].tolist() for k in samples]
-    return [Picture(t - 0.05, lat, lon, number) for number, (t, lat, lon, _) in enumerate(at)]
+    return [Photo(t - 0.05, lat, lon, number) for number, (t, lat, lon, _) in enumerate(at)]
 
 
 GROUND_M = 412.5
@@ -60,9 +60,9 @@ def distances_m() -> np.ndarray:
     return (alt - GROUND_M) / np.prod(np.cos(np.radians(attitudes[:, 1:3])), axis=1)
 
 
-def _camera_messages(packer: mavlink.MAVLink, pictures: Sequence[Picture]) -> list[object]:
+def _camera_messages(packer: mavlink.MAVLink, photos: Sequence[Photo]) -> list[object]:
     made: list[object] = []
-    for each in pictures:
+    for each in photos:
         lat, lon = round(each.lat_deg * 1e7), round(each.lon_deg * 1e7)
         if each.kind == "picture":
             flags = mavlink.CAMERA_FEEDBACK_PHOTO if each.taken else mavlink.CAMERA_FEEDBACK_BADEXPOSURE
@@ -79,7 +79,7 @@ def _camera_messages(packer: mavlink.MAVLink, pictures: Sequence[Picture]) -> li
 
 
 def write_tlog(
-    path: Path, *, systems: tuple[int, ...] = (1,), component: int = 1, pictures: Sequence[Picture] = (),
+    path: Path, *, systems: tuple[int, ...] = (1,), component: int = 1, photos: Sequence[Photo] = (),
     began_unix_s: float | None = None, speed: float = 1.0, ranging: bool = False, stations: tuple[tuple[int, int, int], ...] = (),
     velocity: bool = False, fixes: Sequence[tuple[int, ...]] = (),
 ) -> None:  # fmt: skip
@@ -93,8 +93,8 @@ def write_tlog(
         for system, kind, autopilot in stations:
             packer = mavlink.MAVLink(None, srcSystem=system, srcComponent=1)
             for t in positions[:, 0]:
-                place = packer.global_position_int_encode(round(t * 1e3), 470000000, 80000000, 500000, 0, 0, 0, 0, 0)
-                for message in (packer.heartbeat_encode(kind, autopilot, 0, 0, 0), place):
+                position = packer.global_position_int_encode(round(t * 1e3), 470000000, 80000000, 500000, 0, 0, 0, 0, 0)
+                for message in (packer.heartbeat_encode(kind, autopilot, 0, 0, 0), position):
                     file.write(struct.pack(">Q", int((1.7e9 + t) * 1e6)) + message.pack(packer))
         for system in systems:
             packer = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
@@ -134,14 +134,14 @@ def write_tlog(
                             round(lat * 1e7), round(lon * 1e7), 100 if k else 0, 409.0, 80.0, 0, 9
                         )
                     )
-                messages += _camera_messages(packer, [each for each in pictures if t - 0.2 < each.time_s <= t])
+                messages += _camera_messages(packer, [each for each in photos if t - 0.2 < each.time_s <= t])
                 for message in messages:
                     file.write(struct.pack(">Q", int((1.7e9 + t) * 1e6)) + message.pack(packer))
 
 
-def _lean_at(time_s: float, column: int) -> float:
+def _lean_at(time_s: float, vertical: int) -> float:
     _, attitudes = flight()
-    return float(np.interp(time_s, attitudes[:, 0], attitudes[:, column]))
+    return float(np.interp(time_s, attitudes[:, 0], attitudes[:, vertical]))
 
 
 _CODES = {
@@ -181,7 +181,7 @@ class DataflashWriter:
 
 
 def write_dataflash(
-    path: Path, *, estimated: bool = True, attitude: bool = True, pictures: Sequence[Picture] = (),
+    path: Path, *, estimated: bool = True, attitude: bool = True, photos: Sequence[Photo] = (),
     began_unix_s: float | None = None, ranging: bool = False, core: str | None = None, velocity: bool = False,
     fixes: Sequence[tuple[int, ...]] = (),
 ) -> None:  # fmt: skip
@@ -213,19 +213,19 @@ def write_dataflash(
     log.define(5, "TRIG", "QLL", "TimeUS,Lat,Lng")
     for k, ((t, lat, lon, alt), (ta, roll, pitch, yaw)) in enumerate(zip(positions, attitudes, strict=True)):
         first, second = fixes[k] if fixes else (3, 3)
-        place = (round(lat * 1e7), round(lon * 1e7), alt)
+        position = (round(lat * 1e7), round(lon * 1e7), alt)
         if estimated:
-            log.write(1, round(t * 1e6), *place, 0.0)
+            log.write(1, round(t * 1e6), *position, 0.0)
         week, seconds = divmod(t + (began_unix_s + 18 - 315_964_800 if began_unix_s is not None else 0.0), 604_800)
         north, east, down = velocity * velocity_ned_m_s(np.array([t]))[0]
         over_ground = (math.hypot(north, east), math.degrees(math.atan2(east, north)) % 360.0, down)
-        log.write(2, round(t * 1e6), 0, first, round(seconds * 1e3), int(week), *place, *over_ground)
+        log.write(2, round(t * 1e6), 0, first, round(seconds * 1e3), int(week), *position, *over_ground)
         log.write(2, round(t * 1e6), 1, second, 0, 0, 0, 0, 0.0, 9.0, 9.0, 9.0)  # a second receiver, which is not asked
         if attitude:
             log.write(3, round(ta * 1e6), round(roll * 100), round(pitch * 100), round(yaw * 100))
-    for each in pictures:
-        place = (round(each.lat_deg * 1e7), round(each.lon_deg * 1e7))
-        log.write(4 if each.kind == "picture" else 5, round(each.time_s * 1e6), *place)
+    for each in photos:
+        position = (round(each.lat_deg * 1e7), round(each.lon_deg * 1e7))
+        log.write(4 if each.kind == "picture" else 5, round(each.time_s * 1e6), *position)
     path.write_bytes(log.content)
 
 
@@ -264,7 +264,7 @@ _RECEIVER_FORMATS = {
 
 
 def write_ulog(
-    path: Path, *, pictures: Sequence[Picture] = (), began_unix_s: float | None = None, ranging: bool = False,
+    path: Path, *, photos: Sequence[Photo] = (), began_unix_s: float | None = None, ranging: bool = False,
     receiver: str | None = None, velocity: bool = False, fixes: Sequence[tuple[int, ...]] = (),
 ) -> None:  # fmt: skip
     """Header, flags, formats, subscriptions and data as the ULog specification says."""
@@ -291,7 +291,7 @@ def write_ulog(
         )
     if began_unix_s is not None:
         content += message(b"F", b"sensor_gps:uint64_t timestamp;uint64_t time_utc_usec;")
-    kinds = list(dict.fromkeys(each.kind for each in pictures))
+    kinds = list(dict.fromkeys(each.kind for each in photos))
     for kind in kinds:
         content += message(b"F", b"".join(_CAMERA_TOPICS[kind]))
     for number, kind in enumerate(kinds, start=2):
@@ -304,8 +304,8 @@ def write_ulog(
         content += message(b"A", struct.pack("<BH", 0, 10) + receiver.encode())
         number = int if degrees > 1.0 else float
         for k, (t, lat, lon, alt) in enumerate(positions):
-            place = [number(round(v * unit, 9)) for v, unit in ((lat, degrees), (lon, degrees), (alt, metres))]
-            fix = (*(place if k else [0, 0, 0]), 3 if k else 0, *velocity_ned_m_s(np.array([t]))[0], velocity)
+            position = [number(round(v * unit, 9)) for v, unit in ((lat, degrees), (lon, degrees), (alt, metres))]
+            fix = (*(position if k else [0, 0, 0]), 3 if k else 0, *velocity_ned_m_s(np.array([t]))[0], velocity)
             content += message(b"D", struct.pack(layout, 10, round(t * 1e6), *fix))
     if velocity and receiver is None:
         content += message(b"A", struct.pack("<BH", 0, 12) + b"vehicle_local_position")
@@ -328,7 +328,7 @@ def write_ulog(
             lost = bool(fixes) and max(fixes[k]) < 3
             content += message(b"D", struct.pack("<HQddf?", 0, round(t * 1e6), lat, lon, alt, lost))
         content += message(b"D", struct.pack("<HQ4f", 1, round(ta * 1e6), *quaternion(roll, pitch, yaw)))
-    for each in pictures:
+    for each in photos:
         content += message(b"D", _of_camera(each, 2 + kinds.index(each.kind)))
     path.write_bytes(content)
 
@@ -339,11 +339,11 @@ _CAMERA_TOPICS = {
 }
 
 
-def _of_camera(picture: Picture, number: int) -> bytes:
-    body = struct.pack("<HQ", number, round(picture.time_s * 1e6))
-    if picture.kind == "picture":
-        return body + struct.pack("<ddIb", picture.lat_deg, picture.lon_deg, picture.number, int(picture.taken))
-    return body + struct.pack("<I", picture.number)
+def _of_camera(photo: Photo, number: int) -> bytes:
+    body = struct.pack("<HQ", number, round(photo.time_s * 1e6))
+    if photo.kind == "picture":
+        return body + struct.pack("<ddIb", photo.lat_deg, photo.lon_deg, photo.number, int(photo.taken))
+    return body + struct.pack("<I", photo.number)
 
 
 def quaternion(roll_deg: float, pitch_deg: float, yaw_deg: float) -> tuple[float, float, float, float]:

@@ -323,9 +323,9 @@ def test_ground_that_a_rangefinder_measured_comes_back(tmp_path: Path, name: str
     # All but the last reading, after the last position, or the first, before the first attitude.
     assert COUNT - 2 <= len(track.ranged) <= COUNT
     np.testing.assert_allclose(track.ranged[:, 2], GROUND_M, atol=0.12)
-    places = FRAME.enu_from_geodetic(*track.ranged.T)
+    positions = FRAME.enu_from_geodetic(*track.ranged.T)
     # Not below the vehicle, which leans by up to 10 degrees.
-    assert 3.0 < np.abs(places[: COUNT - 2, 1] - track.enu_m[: COUNT - 2, 1]).max() < 25.0
+    assert 3.0 < np.abs(positions[: COUNT - 2, 1] - track.enu_m[: COUNT - 2, 1]).max() < 25.0
 
 
 @pytest.mark.parametrize(("name", "count"), [("flight.tlog", COUNT - 1), ("flight.BIN", COUNT), ("flight.ulg", 0)])
@@ -386,9 +386,9 @@ def test_reported_velocities_agree_with_the_positions_and_turned_ones_do_not(nam
 
 def test_two_logs_of_one_flight_tell_the_same() -> None:
     """The autopilot's own log and what it told the ground station, by the same clock."""
-    own, told = track("arducopter_square.bin"), track("arducopter_square.tlog")
-    inside = (own.time_s > told.time_s[0]) & (own.time_s < told.time_s[-1])
+    own, reported = track("arducopter_square.bin"), track("arducopter_square.tlog")
+    inside = (own.time_s > reported.time_s[0]) & (own.time_s < reported.time_s[-1])
     assert inside.sum() > 300
     for axis in range(3):
-        expected = np.interp(own.time_s[inside], told.time_s, told.enu_m[:, axis])
+        expected = np.interp(own.time_s[inside], reported.time_s, reported.enu_m[:, axis])
         assert np.abs(own.enu_m[inside, axis] - expected).max() < 0.5

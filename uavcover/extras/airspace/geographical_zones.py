@@ -250,19 +250,19 @@ def _shape(node: Node, circle: Node, unit: str) -> Rings | tuple[float, float, f
     if kind == "Polygon":
         return tuple(_ring(ring) for ring in node.get("coordinates").nodes())
     if kind == "Circle" or (kind == "Point" and _text(circle, "subType").casefold() == "circle"):
-        place = node.get("center" if kind == "Circle" else "coordinates").nodes()
-        if len(place) < 2:
+        position = node.get("center" if kind == "Circle" else "coordinates").nodes()
+        if len(position) < 2:
             raise FormatError("a position must be longitude and latitude", where=node.where, advice="correct it")
         radius_unit = (_text(circle, "uom") or unit).upper()
         if radius_unit not in METRES:
             raise FormatError(f"{radius_unit[:20]!r} is not a unit of length", where=node.where, advice="use m or ft")
         radius_m = circle.get("radius").number() * METRES[radius_unit]
-        return place[0].number(), place[1].number(), radius_m
+        return position[0].number(), position[1].number(), radius_m
     raise FormatError(f"{kind[:30]!r} is not a supported shape", where=node.where, advice="use a polygon or a circle")
 
 
 def _ring(ring: Node) -> Ring:
-    places = [place.nodes() for place in ring.nodes()]
-    if any(len(place) < 2 for place in places):
+    positions = [position.nodes() for position in ring.nodes()]
+    if any(len(position) < 2 for position in positions):
         raise FormatError("a position must be longitude and latitude", where=ring.where, advice="correct it")
-    return tuple((place[0].number(), place[1].number()) for place in places)
+    return tuple((position[0].number(), position[1].number()) for position in positions)

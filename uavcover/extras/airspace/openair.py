@@ -23,7 +23,7 @@ _NAUTICAL_MILE_M = 1852.0
 _MOST_CORNERS = 20_000
 _EARTH = Geod(ellps="WGS84")
 _HALF = r"(\d+(?:\.\d+)?)(?::(\d+(?:\.\d+)?))?(?::(\d+(?:\.\d+)?))?\s*([{}])"
-_PLACE = re.compile(rf"\s*{_HALF.format('NS')}[\s,]*{_HALF.format('EW')}\s*", re.IGNORECASE)
+_POSITION = re.compile(rf"\s*{_HALF.format('NS')}[\s,]*{_HALF.format('EW')}\s*", re.IGNORECASE)
 _HEIGHT = re.compile(r"(-?\d+(?:\.\d+)?)\s*(ft|f|m)?\s*(agl|gnd|sfc|asfc|amsl|msl|alt)?\.?", re.IGNORECASE)
 _LEVEL = re.compile(r"FL\s*(\d+(?:\.\d+)?)", re.IGNORECASE)
 _RECORD = re.compile(r"\s*(A[A-Z]|D[A-Z]|V|S[BP]|T[OC])\b\s*(.*)")
@@ -142,7 +142,7 @@ def _take(zone: _Zone, command: str, rest: str, where: str) -> None:
     elif command == "V":
         _assign(zone, rest, where)
     elif command == "DP":
-        zone.corners.append(_place(rest, where))
+        zone.corners.append(_position(rest, where))
     elif command == "DC":
         lon, lat = _center(zone, where)
         zone.circle = (lon, lat, _numbers(rest, 1, where)[0] * _NAUTICAL_MILE_M)
@@ -179,15 +179,15 @@ def _height(end: str, text: str, where: str) -> dict[str, float]:
 def _assign(zone: _Zone, text: str, where: str) -> None:
     key, _, value = (part.strip() for part in text.partition("="))
     if key.upper() == "X":
-        zone.center = _place(value, where)
+        zone.center = _position(value, where)
     elif key.upper() == "D" and value in ("+", "-"):
         zone.clockwise = value == "+"
     elif key.upper() not in ("W", "Z", "T"):
         raise FormatError(f"unsupported variable {text[:20]!r}", where=where, advice="use V X=position, V D=+ or V D=-")
 
 
-def _place(text: str, where: str) -> tuple[float, float]:
-    match = _PLACE.fullmatch(text)
+def _position(text: str, where: str) -> tuple[float, float]:
+    match = _POSITION.fullmatch(text)
     if match is None:
         raise FormatError(f"{text[:40]!r} is not a position", where=where, advice="write 46:30:15 N 007:24:00 E")
     lat, lon = _angle(match.groups()[:4], 90.0, where), _angle(match.groups()[4:], 180.0, where)
@@ -226,12 +226,12 @@ def _numbers(text: str, count: int, where: str) -> list[float]:
 
 def _arc_between(zone: _Zone, text: str, where: str) -> list[tuple[float, float]]:
     """The arc from one place to another around the centre; the ends are as they are written."""
-    match = re.fullmatch(rf"({_PLACE.pattern}),?({_PLACE.pattern})", text, re.IGNORECASE)
+    match = re.fullmatch(rf"({_POSITION.pattern}),?({_POSITION.pattern})", text, re.IGNORECASE)
     if match is None:
         raise FormatError(
             f"{text[:60]!r} is not a pair of positions", where=where, advice="write DB position, position"
         )
-    ends = [_place(match[1], where), _place(match[10], where)]
+    ends = [_position(match[1], where), _position(match[10], where)]
     lon, lat = _center(zone, where)
     bearings, _, radii = _EARTH.inv([lon] * 2, [lat] * 2, [end[0] for end in ends], [end[1] for end in ends])
     if min(radii) < 1.0 or max(radii) > 1.25 * min(radii):

@@ -159,9 +159,9 @@ class Guard:
             await self._app(scope, receive, send)
             return
         headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope.get("headers", [])}
-        asked = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[-1]
+        requested = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[-1]
         by_query = (
-            self._is_token(asked) and scope["type"] == "http" and scope["method"] == "GET" and scope["path"] == "/"
+            self._is_token(requested) and scope["type"] == "http" and scope["method"] == "GET" and scope["path"] == "/"
         )
         why = self._refusal(scope, headers, by_query=by_query)
         if why is not None:

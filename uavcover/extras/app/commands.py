@@ -15,7 +15,7 @@ from starlette.responses import JSONResponse, Response
 from uavcover.errors import InputError
 from uavcover.extras.app.workspace import OWN_FOLDER, PHOTOS, Workspace, free_name
 from uavcover.model.area import RasterTerrain
-from uavcover.report.map_data import REASON_WORDS
+from uavcover.report.map_data import REASON_TEXTS
 from uavcover.scenario.scenario_file import load_scenario, surface_source, terrain_source
 
 # Files of the user: kept under their names in the folder, photos in a folder of their run; and what photos show.
@@ -103,7 +103,7 @@ def photo_document(folder: Path) -> dict[str, Any]:
         ) from error
     placed = [row for row in rows if row.get("lon_deg") and row.get("lat_deg")]
     for gap in shapes[1]["features"]:
-        gap["properties"]["reason"] = REASON_WORDS.get(
+        gap["properties"]["reason"] = REASON_TEXTS.get(
             gap["properties"].get("reason"), "some planned photos are missing"
         )
     left_out = [[row["name"], row["reason"]] for row in rows if row["counted"] != "yes"]
@@ -129,91 +129,91 @@ _MOST_VEHICLES = 20
 _WORD = re.compile(r"[a-z0-9-]{1,40}")
 
 
-def command_of(kind: str, asked: Mapping[str, Any], workspace: Workspace, *, flights_allowed: bool) -> Words:
+def command_of(kind: str, requested: Mapping[str, Any], workspace: Workspace, *, flights_allowed: bool) -> Words:
     """The command line of a button. Raises InputError: no such button, or a value of it is wrong."""
     builders: dict[str, Builder] = {**_BUILDERS, "fly": partial(_fly, flights_allowed=flights_allowed)}
     if kind not in builders:
         raise InputError(f"the page does not support the command {kind!r}")
-    return builders[kind](asked, workspace)
+    return builders[kind](requested, workspace)
 
 
-def _plan(asked: Mapping[str, Any], workspace: Workspace) -> Words:
-    scenario = workspace.path(text_in(asked, "scenario"))
+def _plan(requested: Mapping[str, Any], workspace: Workspace) -> Words:
+    scenario = workspace.path(text_in(requested, "scenario"))
     if not scenario.is_file():
         raise InputError(f"{scenario.name}: no such scenario; save it first")
     run = workspace.free_run(scenario.stem)
     words = ["plan", workspace.name(scenario), "-o", run.name]
-    if asked.get("evaluations"):
-        words += ["--evaluations", _match(asked, "evaluations", _NUMBER)]
+    if requested.get("evaluations"):
+        words += ["--evaluations", _match(requested, "evaluations", _NUMBER)]
     else:
-        words += ["--budget", _match(asked, "budget", _BUDGET, default="30s")]
+        words += ["--budget", _match(requested, "budget", _BUDGET, default="30s")]
     for name, pattern in (("select", _RULE), ("seed", _NUMBER), ("vehicles", _NUMBER), ("autopilot", _WORD)):
-        if asked.get(name):
-            words += [f"--{name}", _match(asked, name, pattern)]
+        if requested.get(name):
+            words += [f"--{name}", _match(requested, name, pattern)]
     return run.name, words
 
 
 def _on_run(*command: str) -> Builder:
-    def words(asked: Mapping[str, Any], workspace: Workspace) -> Words:
-        run = _run(asked, workspace)
-        return run, [command[0], run, *command[1:], *(["--force"] if asked.get("force") else [])]
+    def words(requested: Mapping[str, Any], workspace: Workspace) -> Words:
+        run = _run(requested, workspace)
+        return run, [command[0], run, *command[1:], *(["--force"] if requested.get("force") else [])]
 
     return words
 
 
-def _select(asked: Mapping[str, Any], workspace: Workspace) -> Words:
-    run = _run(asked, workspace)
-    return run, ["select", run, _match(asked, "rule", _RULE)]
+def _select(requested: Mapping[str, Any], workspace: Workspace) -> Words:
+    run = _run(requested, workspace)
+    return run, ["select", run, _match(requested, "rule", _RULE)]
 
 
-def _edit(asked: Mapping[str, Any], workspace: Workspace) -> Words:
-    run = _run(asked, workspace)
+def _edit(requested: Mapping[str, Any], workspace: Workspace) -> Words:
+    run = _run(requested, workspace)
     edited = workspace.free_run(f"{workspace.path(run).name}-edited")
-    waypoints = workspace.path(text_in(asked, "waypoints"))
+    waypoints = workspace.path(text_in(requested, "waypoints"))
     return edited.name, ["edit", run, workspace.name(waypoints), "-o", edited.name]
 
 
-def _export(asked: Mapping[str, Any], workspace: Workspace) -> Words:
-    run = _run(asked, workspace)
-    file_format = _match(asked, "format", _WORD)
+def _export(requested: Mapping[str, Any], workspace: Workspace) -> Words:
+    run = _run(requested, workspace)
+    file_format = _match(requested, "format", _WORD)
     suffix = {"wpml": ".kmz", "print": ".html", "litchi": ".csv", "mavproxy-fence": ".txt"}.get(
         file_format, f".{file_format}"
     )
     out = free_name(workspace.root, f"{workspace.path(run).name}-{file_format}", suffix)
-    drone = ["--drone", _match(asked, "drone", _WORD)] if asked.get("drone") else []
+    drone = ["--drone", _match(requested, "drone", _WORD)] if requested.get("drone") else []
     return run, ["export", run, "--format", file_format, *drone, "-o", out.name]
 
 
-def _upload(asked: Mapping[str, Any], workspace: Workspace) -> Words:
-    run = _run(asked, workspace)
-    return run, ["plan-upload", run, *_links(asked), *_sortie(asked)]
+def _upload(requested: Mapping[str, Any], workspace: Workspace) -> Words:
+    run = _run(requested, workspace)
+    return run, ["plan-upload", run, *_links(requested), *_sortie(requested)]
 
 
-def _fly(asked: Mapping[str, Any], workspace: Workspace, *, flights_allowed: bool) -> Words:
-    run = _run(asked, workspace)
-    to = str(asked.get("to") or "mock:")
-    words = ["fly", run, *_links(asked), *_sortie(asked)]
-    if asked.get("mock_speed"):
-        words += ["--mock-speed", _match(asked, "mock_speed", re.compile(r"[0-9]{1,3}(\.[0-9])?"))]
-    words += [f"--{name}" for name in ("force", "resume") if asked.get(name)]
-    if asked.get("sortie"):  # flights of one run that have vehicles of their own go on in parallel
-        run = f"{run}/sortie-{_match(asked, 'sortie', _NUMBER)}"
-    if asked.get("confirmed"):
+def _fly(requested: Mapping[str, Any], workspace: Workspace, *, flights_allowed: bool) -> Words:
+    run = _run(requested, workspace)
+    to = str(requested.get("to") or "mock:")
+    words = ["fly", run, *_links(requested), *_sortie(requested)]
+    if requested.get("mock_speed"):
+        words += ["--mock-speed", _match(requested, "mock_speed", re.compile(r"[0-9]{1,3}(\.[0-9])?"))]
+    words += [f"--{name}" for name in ("force", "resume") if requested.get(name)]
+    if requested.get("sortie"):  # flights of one run that have vehicles of their own go on in parallel
+        run = f"{run}/sortie-{_match(requested, 'sortie', _NUMBER)}"
+    if requested.get("confirmed"):
         if not flights_allowed:
             raise InputError(
                 "fly: this page flies only simulated vehicles; to fly real ones, start uavcover serve "
                 "with --allow-flight"
             )
-        if asked["confirmed"] != to:
+        if requested["confirmed"] != to:
             raise InputError(f"fly: to confirm, type the vehicle's address: {to}")
         words.append("--yes")
     return run, words
 
 
-def _links(asked: Mapping[str, Any]) -> list[str]:
+def _links(requested: Mapping[str, Any]) -> list[str]:
     """``--to`` for each vehicle: addresses with spaces between them, or one mock address that stands for all."""
-    addresses = str(asked.get("to") or "mock:").split()
-    count = int(_match(asked, "vehicles", _NUMBER, default="1"))
+    addresses = str(requested.get("to") or "mock:").split()
+    count = int(_match(requested, "vehicles", _NUMBER, default="1"))
     if not 1 <= count <= _MOST_VEHICLES:
         raise InputError(f"vehicles: must be between 1 and {_MOST_VEHICLES}, not {count}")
     if count > 1 and len(addresses) == 1 and addresses[0].startswith("mock:"):
@@ -225,10 +225,10 @@ def _links(asked: Mapping[str, Any]) -> list[str]:
     return [word for address in addresses for word in ("--to", _match({"to": address}, "to", _ADDRESS))]
 
 
-def _check(asked: Mapping[str, Any], workspace: Workspace) -> Words:
+def _check(requested: Mapping[str, Any], workspace: Workspace) -> Words:
     """The independent check of a run's mission file, against the scenario's elevation data, zones and limits."""
-    run = _run(asked, workspace)
-    folder = workspace.path(f"{run}/sortie-{_match(asked, 'sortie', _NUMBER)}" if asked.get("sortie") else run)
+    run = _run(requested, workspace)
+    folder = workspace.path(f"{run}/sortie-{_match(requested, 'sortie', _NUMBER)}" if requested.get("sortie") else run)
     mission = folder / "mission.plan"
     if not mission.is_file():
         raise InputError(f"{folder.name}: the run folder has no mission.plan; choose one of its sorties, or plan again")
@@ -246,10 +246,10 @@ def _check(asked: Mapping[str, Any], workspace: Workspace) -> Words:
     return run, words
 
 
-def _photos(asked: Mapping[str, Any], workspace: Workspace) -> Words:
-    run = _run(asked, workspace)
+def _photos(requested: Mapping[str, Any], workspace: Workspace) -> Words:
+    run = _run(requested, workspace)
     out = workspace.free_run(f"{workspace.path(run).name}-photos")
-    photos = workspace.path(str(asked.get("photos") or f"{run}/{PHOTOS}"))
+    photos = workspace.path(str(requested.get("photos") or f"{run}/{PHOTOS}"))
     if not photos.is_dir():
         raise InputError(f"photos: {photos.name} is not a folder in {workspace.root.name}; drop the photos on the page")
     return run, ["judge-photos", workspace.name(photos), "--scenario", run, "-o", out.name]
@@ -269,28 +269,28 @@ _BUILDERS: dict[str, Builder] = {
 }
 
 
-def _run(asked: Mapping[str, Any], workspace: Workspace) -> str:
-    path = workspace.path(text_in(asked, "run"))
+def _run(requested: Mapping[str, Any], workspace: Workspace) -> str:
+    path = workspace.path(text_in(requested, "run"))
     if not (path / "plan.json").is_file():
         raise InputError(f"{path.name}: this is not a run folder with a plan; plan first")
     return workspace.name(path)
 
 
-def _sortie(asked: Mapping[str, Any]) -> list[str]:
-    return ["--sortie", _match(asked, "sortie", _NUMBER)] if asked.get("sortie") else []
+def _sortie(requested: Mapping[str, Any]) -> list[str]:
+    return ["--sortie", _match(requested, "sortie", _NUMBER)] if requested.get("sortie") else []
 
 
-def text_in(asked: Mapping[str, Any], key: str) -> str:
+def text_in(requested: Mapping[str, Any], key: str) -> str:
     """A text of a request. Raises InputError: there is none."""
-    value = asked.get(key)
+    value = requested.get(key)
     if not isinstance(value, str) or not value:
         raise InputError(f"{key}: the value is missing")
     return value
 
 
-def _match(asked: Mapping[str, Any], key: str, pattern: re.Pattern[str], *, default: str = "") -> str:
+def _match(requested: Mapping[str, Any], key: str, pattern: re.Pattern[str], *, default: str = "") -> str:
     """A value as text; it never begins with a dash, so that it is no option."""
-    value = str(asked.get(key) or default)
+    value = str(requested.get(key) or default)
     if pattern.fullmatch(value) is None or value.startswith("-"):
         raise InputError(f"{key}: {value[:40]!r} is not a valid value")
     return value

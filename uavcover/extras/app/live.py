@@ -17,7 +17,7 @@ from mission_io.model.plain_text import plain_text
 from uavcover.extras.app.scene import Scene
 from uavcover.flight.flight_log import LIVE_LINE
 from uavcover.kernels.arrays import BoolArray
-from uavcover.report.map_data import SEEN_RGB, UNSEEN_RGB, data_uri
+from uavcover.report.map_data import OBSERVED_RGB, UNOBSERVED_RGB, data_uri
 
 _COLUMNS = ("time_s", "east_m", "north_m", "up_m", "yaw_deg", "lat_deg", "lon_deg")
 _MOST_BYTES = 1 << 20
@@ -39,24 +39,24 @@ class Observed:
         self.scene, self.covered, self.version = scene, 0.0, 0
         self._lock = threading.Lock()
         self._of: dict[int, BoolArray] = {}
-        self._seen: BoolArray | None = None
+        self._observed: BoolArray | None = None
         self._changed: list[Rectangle] = []
         self._made: dict[int, dict[str, Any]] = {}
 
-    def take(self, flight: int, seen: BoolArray) -> None:
+    def take(self, flight: int, observed: BoolArray) -> None:
         """Cells that a flight saw up to now; fewer than before where its track was replaced."""
         coverage = self.scene.coverage
         with self._lock:
-            self._of[flight] = seen
-            before = np.zeros(seen.size, dtype=bool) if self._seen is None else self._seen
-            self._seen = np.logical_or.reduce(list(self._of.values()))
-            changed = self._picture(self._seen != before)
+            self._of[flight] = observed
+            before = np.zeros(observed.size, dtype=bool) if self._observed is None else self._observed
+            self._observed = np.logical_or.reduce(list(self._of.values()))
+            changed = self._image(self._observed != before)
             rows, columns = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
             if rows.size:
                 self._changed.append((int(rows[0]), int(columns[0]), int(rows[-1]) + 1, int(columns[-1]) + 1))
             elif self.version:
                 return
-            self.covered = coverage.share_of_coverable(self._seen)
+            self.covered = coverage.fraction_of_coverable(self._observed)
             self.version, self._made = self.version + 1, {}
             if not rows.size:
                 self._changed.append((0, 0, 0, 0))
@@ -69,9 +69,9 @@ class Observed:
             return self._made[version]
 
     def _document(self, version: int) -> dict[str, Any]:
-        assert self._seen is not None
-        seen, cells = self._picture(self._seen), self._picture(np.ones(self._seen.size, dtype=bool))
-        height, width = seen.shape
+        assert self._observed is not None
+        observed, cells = self._image(self._observed), self._image(np.ones(self._observed.size, dtype=bool))
+        height, width = observed.shape
         whole = not 0 < version <= self.version
         parts: list[Rectangle] = [(0, 0, height, width)] if whole else self._changed[version:]
         if len(parts) > 6:
@@ -82,20 +82,20 @@ class Observed:
         for top, left, bottom, right in parts:
             pixels = np.zeros((bottom - top, right - left, 4), dtype=np.uint8)
             if pixels.size:
-                pixels[cells[top:bottom, left:right]] = (*UNSEEN_RGB, 150)
-                pixels[seen[top:bottom, left:right]] = (*SEEN_RGB, 150)
+                pixels[cells[top:bottom, left:right]] = (*UNOBSERVED_RGB, 150)
+                pixels[observed[top:bottom, left:right]] = (*OBSERVED_RGB, 150)
                 patches.append({"x": left, "y": top, "image": data_uri(pixels, "PNG")})
         return {
             "covered": self.covered, "version": self.version, "whole": whole, "size": [width, height],
             "corners": self.scene.corners(), "patches": patches,
         }  # fmt: skip
 
-    def _picture(self, where: BoolArray) -> BoolArray:
+    def _image(self, where: BoolArray) -> BoolArray:
         """Cells as the picture has them: (rows from the north, columns from the west)."""
         lattice = self.scene.coverage.grid.cells.lattice
-        picture = np.zeros(lattice.shape, dtype=bool)
-        picture[lattice >= 0] = where[lattice[lattice >= 0]]
-        return np.asarray(picture[::-1])
+        image = np.zeros(lattice.shape, dtype=bool)
+        image[lattice >= 0] = where[lattice[lattice >= 0]]
+        return np.asarray(image[::-1])
 
 
 class LiveFlight:
@@ -116,7 +116,7 @@ class LiveFlight:
         self._at, self._header, self._identity = 0, list[str](), (0, 0)
         self._fresh: list[list[float]] = []
         self._last: list[float] | None = None
-        self._seen = np.zeros(0, dtype=bool)
+        self._observed = np.zeros(0, dtype=bool)
         self.samples: list[list[float]] = []
 
     def poll(self) -> None:
@@ -130,7 +130,7 @@ class LiveFlight:
             if (state.st_dev, state.st_ino) != self._identity or state.st_size < self._at:
                 self._identity, self._at, self._header = (state.st_dev, state.st_ino), 0, []
                 self.samples, self._fresh, self._last = [], [], None
-                self._seen = np.zeros(0, dtype=bool)
+                self._observed = np.zeros(0, dtype=bool)
             if state.st_size == self._at:
                 return
             with self._file.open("rb") as file:
@@ -185,9 +185,9 @@ class LiveFlight:
             points = ([] if self._last is None else [self._last]) + fresh
             self._last = fresh[-1]
         coverage = self._scene.coverage
-        seen = coverage.seen(np.array(points))
+        observed = coverage.observed(np.array(points))
         with self._lock:
-            if self._seen.size != seen.size:
-                self._seen = np.zeros(seen.size, dtype=bool)
-            self._seen = self._seen | seen
-        self.observed.take(id(self), self._seen)
+            if self._observed.size != observed.size:
+                self._observed = np.zeros(observed.size, dtype=bool)
+            self._observed = self._observed | observed
+        self.observed.take(id(self), self._observed)

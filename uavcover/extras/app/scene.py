@@ -24,8 +24,8 @@ from uavcover.model.route import Route
 from uavcover.planner.pareto_file import ParetoRow
 from uavcover.report.content import ReportContent, read_run
 from uavcover.report.map_data import (
-    SEEN_RGB,
-    UNSEEN_RGB,
+    OBSERVED_RGB,
+    UNOBSERVED_RGB,
     cell_layers,
     cells_bounds_m,
     classes_image,
@@ -75,13 +75,13 @@ class Scene:
 
     def lon_lat(self, enu_m: FloatArray) -> FloatArray:
         """(n, 2) longitude and latitude of (n, 2 or 3) local positions."""
-        places = np.asarray(enu_m, dtype=float)
-        if places.shape[1] == 2:
-            places = np.column_stack([places, self.site.ground.heights_m(places)])
+        positions = np.asarray(enu_m, dtype=float)
+        if positions.shape[1] == 2:
+            positions = np.column_stack([positions, self.site.ground.heights_m(positions)])
         if self.site.frame is None:
-            return np.asarray(places[:, :2] / _DEGREE_M)
-        places = np.where(np.isfinite(places), places, 0.0)
-        lat, lon, _ = self.site.frame.geodetic_from_enu(places)
+            return np.asarray(positions[:, :2] / _DEGREE_M)
+        positions = np.where(np.isfinite(positions), positions, 0.0)
+        lat, lon, _ = self.site.frame.geodetic_from_enu(positions)
         return np.column_stack([lon, lat])
 
     def east_north(self, lon_lat: FloatArray) -> FloatArray:
@@ -239,8 +239,8 @@ def verdict_document(scene: Scene, verdict: Verdict) -> dict[str, Any]:
     """The verdict of a run's flights with its findings on the map."""
     report = verdict.report
     gaps = gap_data(report.gaps)
-    for gap, place in zip(gaps, _places(scene, [(g["east"], g["north"]) for g in gaps]), strict=True):
-        gap["place"] = place
+    for gap, position in zip(gaps, _positions(scene, [(g["east"], g["north"]) for g in gaps]), strict=True):
+        gap["place"] = position
     found = [(v.east_m, v.north_m) for v in report.violations]
     return {
         "verdict": report.verdict,
@@ -249,8 +249,8 @@ def verdict_document(scene: Scene, verdict: Verdict) -> dict[str, Any]:
         "coverageOfCoverable": report.coverage_of_coverable,
         "gaps": gaps,
         "violations": [
-            {"kind": v.kind, "worst": f"{v.worst:.1f} {v.unit}", "limit": f"{v.limit:g} {v.unit}", "place": place}
-            for v, place in zip(report.violations, _places(scene, found), strict=True)
+            {"kind": v.kind, "worst": f"{v.worst:.1f} {v.unit}", "limit": f"{v.limit:g} {v.unit}", "place": position}
+            for v, position in zip(report.violations, _positions(scene, found), strict=True)
         ],
     }
 
@@ -276,17 +276,17 @@ def route_check(scene: Scene, waypoints: Sequence[Sequence[float]]) -> dict[str,
 
 def route_coverage(scene: Scene, waypoints: Sequence[Sequence[float]]) -> dict[str, Any]:
     """Coverage of an edited route, as a share and as an image."""
-    seen = scene.coverage.seen(scene.enu(waypoints))
+    observed = scene.coverage.observed(scene.enu(waypoints))
     return {
-        "coverage": scene.coverage.share_of_coverable(seen),
-        "image": seen_image(scene.coverage, seen),
+        "coverage": scene.coverage.fraction_of_coverable(observed),
+        "image": observed_image(scene.coverage, observed),
         "corners": scene.corners(),
     }
 
 
-def seen_image(coverage: CoverageMap, seen: BoolArray) -> str:
+def observed_image(coverage: CoverageMap, observed: BoolArray) -> str:
     """Cells that are seen and cells that are not, as a data URI."""
-    return classes_image(coverage, [(UNSEEN_RGB, ~seen), (SEEN_RGB, seen)])
+    return classes_image(coverage, [(UNOBSERVED_RGB, ~observed), (OBSERVED_RGB, observed)])
 
 
 def _uploads(scene: Scene) -> list[dict[str, Any]]:
@@ -345,7 +345,7 @@ def _unsafe_returns(scene: Scene, compiled: CompiledMission) -> list[dict[str, A
     found = []
     for one, words in zip(away, advice.sentences, strict=True):
         inside = (states.times_s >= one.begin_s) & (states.times_s <= one.end_s)
-        found.append({"line": scene.lon_lat(states.places_m[inside]).tolist(), "text": words})
+        found.append({"line": scene.lon_lat(states.positions_m[inside]).tolist(), "text": words})
     return found
 
 
@@ -354,15 +354,15 @@ def _profile(site: Site, route_m: FloatArray) -> dict[str, list[float]]:
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(route_m[:, :2], axis=0).T))])
     count = int(np.clip(along[-1] / _PROFILE_EVERY_M, 2, 1200))
     at = np.union1d(np.linspace(0.0, along[-1], count), along)
-    places = np.column_stack([np.interp(at, along, route_m[:, axis]) for axis in range(3)])
-    ground = site.ground.heights_m(places[:, :2])
+    positions = np.column_stack([np.interp(at, along, route_m[:, axis]) for axis in range(3)])
+    ground = site.ground.heights_m(positions[:, :2])
     low = float(np.nanmin(ground)) if np.isfinite(ground).any() else 0.0
-    return {"along": at.round(1).tolist(), "ground": _numbers(ground - low), "flight": _numbers(places[:, 2] - low)}
+    return {"along": at.round(1).tolist(), "ground": _numbers(ground - low), "flight": _numbers(positions[:, 2] - low)}
 
 
 def _photos(scene: Scene, content: ReportContent) -> dict[str, Any]:
     planned = content.planned_view
-    if planned.pictures is None:
+    if planned.photos is None:
         return {"planned": []}
     return {"planned": scene.lon_lat(planned.poses.eyes).tolist()}
 
@@ -385,7 +385,7 @@ def _track(scene: Scene, enu_m: FloatArray, agl_m: FloatArray, clock_s: FloatArr
     }
 
 
-def _places(scene: Scene, east_north: Sequence[tuple[float, float]]) -> list[Any]:
+def _positions(scene: Scene, east_north: Sequence[tuple[float, float]]) -> list[Any]:
     return scene.lon_lat(np.array(east_north, dtype=float).reshape(-1, 2)).tolist() if east_north else []
 
 

@@ -27,7 +27,7 @@ from uavcover.extras.app.commands import command_of, photo_document, refusal, ta
 from uavcover.extras.app.jobs import Jobs
 from uavcover.extras.app.live import LiveFlight, Observed
 from uavcover.extras.app.scene import Scene, Scenes, route_check, route_coverage, scene_document
-from uavcover.extras.app.workspace import Workspace, free_name, place_of
+from uavcover.extras.app.workspace import Workspace, free_name, position_of
 from uavcover.terrain.terrain_source import TerrainSource
 
 _log = logging.getLogger(__name__)
@@ -67,7 +67,7 @@ class Server:
             HttpRoute("/api/area", _json(self._area)),
             HttpRoute("/api/heights", _json(self._heights_of)),
             HttpRoute("/api/photos", _json(self._photos)),
-            HttpRoute("/api/place", _json(_place)),
+            HttpRoute("/api/place", _json(_position)),
             HttpRoute("/api/design", _json(partial(survey.designed, self.workspace)), methods=["POST"]),
             HttpRoute("/api/scenarios", _json(partial(survey.written, self.workspace)), methods=["POST"]),
             HttpRoute("/api/route/check", _json(partial(self._edited, route_check)), methods=["POST"]),
@@ -93,56 +93,56 @@ class Server:
             PAGE / "index.html", media_type="text/html; charset=utf-8", headers={"cache-control": "no-store"}
         )
 
-    def _state(self, asked: dict[str, Any]) -> dict[str, Any]:
-        del asked
+    def _state(self, requested: dict[str, Any]) -> dict[str, Any]:
+        del requested
         jobs = [job.document(with_events=False) for job in self.jobs.all()[:20]]
         return {
             "folder": self.workspace.root.name, "first": self.first, "flightsAllowed": self.flights_allowed,
             "files": self.workspace.listing(), "jobs": jobs, **survey.choices(),
         }  # fmt: skip
 
-    def _scene_of(self, asked: dict[str, Any], key: str = "name") -> Scene:
-        return self.scenes.of(self.workspace.path(text_in(asked, key)))
+    def _scene_of(self, requested: dict[str, Any], key: str = "name") -> Scene:
+        return self.scenes.of(self.workspace.path(text_in(requested, key)))
 
-    def _scene(self, asked: dict[str, Any]) -> dict[str, Any]:
-        return scene_document(self._scene_of(asked))
+    def _scene(self, requested: dict[str, Any]) -> dict[str, Any]:
+        return scene_document(self._scene_of(requested))
 
-    def _contours(self, asked: dict[str, Any]) -> dict[str, Any]:
-        return {"lines": tiles.contours(self._scene_of(asked))}
+    def _contours(self, requested: dict[str, Any]) -> dict[str, Any]:
+        return {"lines": tiles.contours(self._scene_of(requested))}
 
-    def _area(self, asked: dict[str, Any]) -> dict[str, Any]:
-        return survey.area_document(self.workspace, text_in(asked, "name"))
+    def _area(self, requested: dict[str, Any]) -> dict[str, Any]:
+        return survey.area_document(self.workspace, text_in(requested, "name"))
 
-    def _edited(self, look: Callable[[Scene, Any], dict[str, Any]], asked: dict[str, Any]) -> dict[str, Any]:
-        return look(self._scene_of(asked, "run"), asked.get("waypoints") or [])
+    def _edited(self, look: Callable[[Scene, Any], dict[str, Any]], requested: dict[str, Any]) -> dict[str, Any]:
+        return look(self._scene_of(requested, "run"), requested.get("waypoints") or [])
 
-    def _save_route(self, asked: dict[str, Any]) -> dict[str, Any]:
+    def _save_route(self, requested: dict[str, Any]) -> dict[str, Any]:
         """Keep the waypoints in a file, and let ``uavcover edit`` check and write the plan."""
-        run = self.workspace.path(text_in(asked, "run"))
-        self.scenes.of(run).enu(asked.get("waypoints") or [])
+        run = self.workspace.path(text_in(requested, "run"))
+        self.scenes.of(run).enu(requested.get("waypoints") or [])
         with self._starting:
             path = free_name(self.workspace.root, f"{run.name}-waypoints", ".json")
-            path.write_text(json.dumps(asked["waypoints"]), encoding="utf-8")
+            path.write_text(json.dumps(requested["waypoints"]), encoding="utf-8")
             return self._start(
                 {"kind": "edit", "run": self.workspace.name(run), "waypoints": self.workspace.name(path)}
             )
 
-    def _start(self, asked: dict[str, Any]) -> dict[str, Any]:
-        kind = str(asked.get("kind") or "")
+    def _start(self, requested: dict[str, Any]) -> dict[str, Any]:
+        kind = str(requested.get("kind") or "")
         with self._starting:
-            run, words = command_of(kind, asked, self.workspace, flights_allowed=self.flights_allowed)
+            run, words = command_of(kind, requested, self.workspace, flights_allowed=self.flights_allowed)
             return self.jobs.start(kind, words, run=run).document()
 
-    def _job(self, asked: dict[str, Any]) -> dict[str, Any]:
-        return self.jobs.get(text_in(asked, "id")).document()
+    def _job(self, requested: dict[str, Any]) -> dict[str, Any]:
+        return self.jobs.get(text_in(requested, "id")).document()
 
-    def _signal(self, asked: dict[str, Any]) -> dict[str, Any]:
+    def _signal(self, requested: dict[str, Any]) -> dict[str, Any]:
         """Stop: as Ctrl-C; leave: as Ctrl-C twice; pause: the flight waits, or goes on."""
         signals = {"stop": [signal.SIGINT], "leave": [signal.SIGINT] * 2, "pause": [signal.SIGUSR1]}
-        action = text_in(asked, "action")
+        action = text_in(requested, "action")
         if action not in signals:
             raise InputError(f"the action must be stop, leave or pause, not {action}")
-        job, sent = self.jobs.get(text_in(asked, "id")), False
+        job, sent = self.jobs.get(text_in(requested, "id")), False
         for number, one in enumerate(signals[action]):
             time.sleep(0.5 if number else 0.0)  # two signals at once are one
             sent = job.signal(one) or sent
@@ -151,8 +151,8 @@ class Server:
     async def _upload(self, request: Request) -> Response:
         return await take_file(request, self.workspace)
 
-    def _photos(self, asked: dict[str, Any]) -> dict[str, Any]:
-        return photo_document(self.workspace.path(text_in(asked, "name")))
+    def _photos(self, requested: dict[str, Any]) -> dict[str, Any]:
+        return photo_document(self.workspace.path(text_in(requested, "name")))
 
     async def _file(self, request: Request) -> Response:
         path = self.workspace.path(request.path_params["name"])
@@ -171,15 +171,15 @@ class Server:
             await to_thread.run_sync(make), media_type="image/png", headers={"cache-control": "private, max-age=600"}
         )
 
-    def _elevation(self, asked: dict[str, Any]) -> TerrainSource | Scene:
+    def _elevation(self, requested: dict[str, Any]) -> TerrainSource | Scene:
         """The elevation file of a query, or the scene where its ground is made from a formula."""
-        if name := asked.get("dem"):
+        if name := requested.get("dem"):
             return TerrainSource((self.workspace.path(name),))
-        scene = self._scene_of(asked)
+        scene = self._scene_of(requested)
         return scene.terrain or scene
 
-    def _heights_of(self, asked: dict[str, Any]) -> dict[str, Any]:
-        return {"finestZoom": tiles.finest_zoom(self._elevation(asked))}
+    def _heights_of(self, requested: dict[str, Any]) -> dict[str, Any]:
+        return {"finestZoom": tiles.finest_zoom(self._elevation(requested))}
 
     async def _background(self, request: Request) -> Response:
         z, x, y = (request.path_params[name] for name in "zxy")
@@ -239,17 +239,17 @@ class _Watcher:
                 await self._socket.close(1008, "the page sent too many messages, or messages that are too long")
                 return
             try:
-                asked = json.loads(text)
-                begin = max(0, int(asked.get("from", 0)))
-                if "watch" in asked:
-                    await to_thread.run_sync(self._server.live, str(asked["watch"]))
-                    self._runs[str(asked["watch"])] = begin
-                    self._versions.pop(self._server.live(str(asked["watch"])).observed, None)
-                    self._lines.pop(str(asked["watch"]), None)
-                elif "leave" in asked:
-                    self._runs.pop(str(asked["leave"]), None)
-                elif "job" in asked:
-                    self._events[self._server.jobs.get(str(asked["job"])).id] = begin
+                requested = json.loads(text)
+                begin = max(0, int(requested.get("from", 0)))
+                if "watch" in requested:
+                    await to_thread.run_sync(self._server.live, str(requested["watch"]))
+                    self._runs[str(requested["watch"])] = begin
+                    self._versions.pop(self._server.live(str(requested["watch"])).observed, None)
+                    self._lines.pop(str(requested["watch"]), None)
+                elif "leave" in requested:
+                    self._runs.pop(str(requested["leave"]), None)
+                elif "job" in requested:
+                    self._events[self._server.jobs.get(str(requested["job"])).id] = begin
             except UavcoverError as error:
                 await self._socket.send_json({"error": str(error)})
             except (ValueError, TypeError, AttributeError, RecursionError):
@@ -306,7 +306,7 @@ def _json(handler: Callable[[dict[str, Any]], dict[str, Any]]) -> Callable[[Requ
     """A route that answers with JSON; ``handler`` gets the query, the path and the body in one, and runs in a thread."""
 
     async def route(request: Request) -> Response:
-        asked: dict[str, Any] = dict(request.query_params)
+        requested: dict[str, Any] = dict(request.query_params)
         if request.method == "POST":
             raw = bytearray()
             async for chunk in request.stream():
@@ -319,15 +319,15 @@ def _json(handler: Callable[[dict[str, Any]], dict[str, Any]]) -> Callable[[Requ
                 body = None
             if not isinstance(body, dict):
                 return refusal(400, "the request is not a JSON object")
-            asked |= body
-        asked |= request.path_params
-        return JSONResponse(await to_thread.run_sync(handler, asked))
+            requested |= body
+        requested |= request.path_params
+        return JSONResponse(await to_thread.run_sync(handler, requested))
 
     return route
 
 
-def _place(asked: dict[str, Any]) -> dict[str, Any]:
-    lat, lon = place_of(text_in(asked, "text"))
+def _position(requested: dict[str, Any]) -> dict[str, Any]:
+    lat, lon = position_of(text_in(requested, "text"))
     return {"place": [lon, lat]}
 
 

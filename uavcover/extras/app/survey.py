@@ -14,7 +14,7 @@ from uavcover.errors import InputError, UavcoverError
 from uavcover.extras.app.workspace import Workspace, free_name
 from uavcover.model.area import Ring
 from uavcover.new.catalog import CAMERAS, VEHICLES
-from uavcover.new.command import new_scenarios, say_design, say_estimate
+from uavcover.new.command import new_scenarios, print_design, print_estimate
 from uavcover.new.elevation_questions import NewRequest
 from uavcover.run.user import Unattended
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
@@ -74,17 +74,17 @@ def designed(workspace: Workspace, form: dict[str, Any]) -> dict[str, Any]:
     try:
         with _drawn(workspace, form) as request:
             scenarios = new_scenarios(request, user, folder=workspace.root)
-            figures = say_design(scenarios[0], Messages())
+            figures = print_design(scenarios[0], Messages())
             site = scenarios[0].site
             outside = site.area.difference(site.fence).area / site.area.area
             if outside > 1e-3:
                 user.warn(f"{100.0 * outside:.1f} % of the area with its margin lies outside the fence")
-            flights = [say_estimate(scenario, Messages()) for scenario in scenarios]
+            flights = [print_estimate(scenario, Messages()) for scenario in scenarios]
     except UavcoverError as error:
         return {"error": str(error), "field": field_of(str(error)), "messages": user.lines}
     home = scenarios[0].site.scenario.home
-    place = None if home is None or home.lat_deg is None or home.lon_deg is None else [home.lon_deg, home.lat_deg]
-    return {"figures": figures, "flights": flights, "messages": user.lines, "home": place}
+    position = None if home is None or home.lat_deg is None or home.lon_deg is None else [home.lon_deg, home.lat_deg]
+    return {"figures": figures, "flights": flights, "messages": user.lines, "home": position}
 
 
 def written(workspace: Workspace, form: dict[str, Any]) -> dict[str, Any]:
@@ -185,12 +185,12 @@ def _rally(given: object) -> Ring | None:
     if not given:
         return None
     try:
-        places = np.array(given, dtype=float).reshape(-1, 2)
+        positions = np.array(given, dtype=float).reshape(-1, 2)
     except (TypeError, ValueError):
-        places = np.array([[np.nan, np.nan]])
-    if not np.isfinite(places).all() or (np.abs(places) > (180.0, 90.0)).any():
+        positions = np.array([[np.nan, np.nan]])
+    if not np.isfinite(positions).all() or (np.abs(positions) > (180.0, 90.0)).any():
         raise InputError("rally: specify each rally point as [longitude, latitude] in degrees")
-    return tuple((float(lon), float(lat)) for lon, lat in places)
+    return tuple((float(lon), float(lat)) for lon, lat in positions)
 
 
 def _zone(zone: object, number: int) -> dict[str, Any]:

@@ -86,8 +86,8 @@ def terrarium(heights_m: FloatArray) -> Any:
 
 
 def _ground_heights(scene: Scene, zoom: int, column: int, row: int) -> FloatArray:
-    places = scene.east_north(lon_lat_of_pixels(zoom, column, row))
-    return np.asarray(scene.site.ground.heights_m(places).reshape(TILE, TILE) + scene.site.alt_amsl_offset_m)
+    positions = scene.east_north(lon_lat_of_pixels(zoom, column, row))
+    return np.asarray(scene.site.ground.heights_m(positions).reshape(TILE, TILE) + scene.site.alt_amsl_offset_m)
 
 
 def _warped(source: TerrainSource, zoom: int, column: int, row: int) -> FloatArray:
@@ -122,9 +122,9 @@ def _is_too_fine(dataset: Any, zoom: int, column: int, row: int) -> bool:
     inside = max(0.0, min(east, own.right) - max(west, own.left)) * max(
         0.0, min(north, own.top) - max(south, own.bottom)
     )
-    share = inside / max(abs((own.right - own.left) * (own.top - own.bottom)), 1e-300)
+    fraction = inside / max(abs((own.right - own.left) * (own.top - own.bottom)), 1e-300)
     coarser = max([1, *dataset.overviews(1)])
-    return bool(share * dataset.width * dataset.height / coarser**2 > _MOST_SOURCE_PIXELS)
+    return bool(fraction * dataset.width * dataset.height / coarser**2 > _MOST_SOURCE_PIXELS)
 
 
 def background_tile(path: Path, zoom: int, column: int, row: int) -> tuple[bytes, str] | None:

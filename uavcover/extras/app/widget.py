@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from uavcover.errors import InputError
-from uavcover.extras.app.scene import Scene, Scenes, scene_document, seen_image, verdict_document
+from uavcover.extras.app.scene import Scene, Scenes, observed_image, scene_document, verdict_document
 from uavcover.extras.app.tiles import contours
 from uavcover.model.route import Plan
 from uavcover.model.track import Track
-from uavcover.report.map_data import SEEN_RGB, UNSEEN_RGB
+from uavcover.report.map_data import OBSERVED_RGB, UNOBSERVED_RGB
 from uavcover.verification.verify import Verdict
 
 _HERE = Path(__file__).parent
@@ -80,9 +80,9 @@ def document_of(shown: Plan | Track | Verdict | str | Path) -> dict[str, Any]:
 
 def _of_verdict(verdict: Verdict) -> dict[str, Any]:
     scene = Scene(verdict.coverage.site, Path(), _coverage=verdict.coverage)
-    colors = ((SEEN_RGB, "observed"), (UNSEEN_RGB, "not observed"))
+    colors = ((OBSERVED_RGB, "observed"), (UNOBSERVED_RGB, "not observed"))
     legend = [{"color": f"rgb{color}", "label": label} for color, label in colors]
-    layer = {"image": seen_image(verdict.coverage, verdict.flown.seen), "legend": legend}
+    layer = {"image": observed_image(verdict.coverage, verdict.flown.observed), "legend": legend}
     return scene_document(scene) | {
         "verdict": verdict_document(scene, verdict), "layers": [layer], "corners": scene.corners(),
         "contours": contours(scene), "caption": repr(verdict)[1:-1],

@@ -29,7 +29,7 @@ _COLUMNS = ("ABCDEFGH", "JKLMNPQR", "STUVWXYZ")
 FORMS = "47.37, 8.54 or 47°22'12\"N 8°32'24\"E or 32T 465300 5246800 or 32T MT 65300 46800"
 
 
-def place_of(text: str) -> tuple[float, float]:
+def position_of(text: str) -> tuple[float, float]:
     """Latitude and longitude in degrees of a typed position, WGS 84.
 
     Raises:

@@ -120,7 +120,7 @@ class PublishedArea:
     outline: shapely.Polygon  # what is to be observed, without the holes
     routes_m: tuple[FloatArray, ...]  # (n, 2) corners of each flight of the published route, closed
 
-    def seen(self, routes_m: Sequence[FloatArray]) -> float:
+    def observed(self, routes_m: Sequence[FloatArray]) -> float:
         """Share 0..1 of the area within reach of the flights."""
         strip = shapely.buffer(shapely.MultiLineString(list(routes_m)), REACH_M, quad_segs=32)
         return float(shapely.intersection(strip, self.outline).area / self.outline.area)
@@ -188,8 +188,8 @@ def site_of(area: PublishedArea, folder: Path, capacity_s: float | None = None) 
     home_m = shapely.get_coordinates(shapely.shortest_line(free, shapely.Point(area.routes_m[0][0])))[0]
 
     def on_earth(ring: shapely.LinearRing) -> list[list[float]]:
-        places = np.column_stack(to_earth.transform(*shapely.get_coordinates(ring).T)).round(9)
-        return [[float(lon), float(lat)] for lon, lat in places]
+        positions = np.column_stack(to_earth.transform(*shapely.get_coordinates(ring).T)).round(9)
+        return [[float(lon), float(lat)] for lon, lat in positions]
 
     west, south, east, north = area.outline.bounds
     columns, rows = (math.ceil((side + 2.0 * _AROUND_M) / _PIXEL_M) for side in (east - west, north - south))
@@ -239,7 +239,7 @@ def _run(name: str, *, data: Path, budget_s: float, capacity_s: float | None) ->
     costs, free = [cost_s(route_m) for route_m in routes_m], area.outline.buffer(2.0 * _LEEWAY_M)
     return {
         "holes": len(area.outline.interiors), "cost_s": sum(costs), "published_s": sum(map(cost_s, area.routes_m)),
-        "seen": area.seen(routes_m), "published_seen": area.seen(area.routes_m), "made_by": plan.chosen.origin,
+        "seen": area.observed(routes_m), "published_seen": area.observed(area.routes_m), "made_by": plan.chosen.origin,
         "crosses_m": float(shapely.difference(shapely.MultiLineString(routes_m), free).length),
         "longest_s": max(costs), "cpu_s": time.process_time() - begin,
     }  # fmt: skip

@@ -51,15 +51,15 @@ class Instance:
     def __str__(self) -> str:
         return self.name
 
-    def unseen(self, places: FloatArray) -> int:
+    def unobserved(self, positions: FloatArray) -> int:
         """Discs that none of (m, 2) positions lies in."""
-        apart = [float(np.hypot(*(places - centre).T).min()) for centre in self.centres]
+        apart = [float(np.hypot(*(positions - centre).T).min()) for centre in self.centres]
         return int((np.array(apart) > self.radius * (1.0 + 1e-9)).sum())
 
 
-def tour_length(places: FloatArray) -> float:
+def tour_length(positions: FloatArray) -> float:
     """Length of the closed tour through (m, 2) positions."""
-    return float(np.hypot(*(places - np.roll(places, 1, axis=0)).T).sum())
+    return float(np.hypot(*(positions - np.roll(positions, 1, axis=0)).T).sum())
 
 
 def read_instances(data: Path) -> dict[str, Instance]:
@@ -85,7 +85,7 @@ def read_instances(data: Path) -> dict[str, Instance]:
 def _instance(name: str, document: Mapping[str, Any]) -> Instance | None:
     """An instance as its document has it; None where its radii differ."""
     disks = document["disks"]
-    places = np.array([[disk["x"], disk["y"]] for disk in disks], dtype=float)
+    positions = np.array([[disk["x"], disk["y"]] for disk in disks], dtype=float)
     depot = [disk.get("meta") for disk in disks].index("depot")
     radii = {float(disk["r"]) for number, disk in enumerate(disks) if number != depot}
     ratio = re.fullmatch(r"(.*)\(0\.(\d+)\)", name)
@@ -95,9 +95,9 @@ def _instance(name: str, document: Mapping[str, Any]) -> Instance | None:
     if ratio is not None:
         # The radii of these are not those of the overlap ratio in their name, as the file's own history says.
         name = f"{ratio[1]}_or{float('0.' + ratio[2]) * 100.0:g}"
-        radius = float("0." + ratio[2]) * float(np.ptp(places, axis=0).max())
+        radius = float("0." + ratio[2]) * float(np.ptp(positions, axis=0).max())
     bound = float(document["carrabs2020_upper_bound"])
-    return Instance(name, places[depot], np.delete(places, depot, axis=0), radius, bound)
+    return Instance(name, positions[depot], np.delete(positions, depot, axis=0), radius, bound)
 
 
 def _with_tour(instance: Instance, path: Path) -> Instance | None:
@@ -117,11 +117,11 @@ def _with_tour(instance: Instance, path: Path) -> Instance | None:
     return replace(instance, best_known=min(stated, instance.best_known))
 
 
-def _from_legs(begins: FloatArray, ends: FloatArray, place: FloatArray) -> float:
+def _from_legs(begins: FloatArray, ends: FloatArray, position: FloatArray) -> float:
     """Distance of a place from the nearest of the straight lines between (m, 2) positions."""
     along = ends - begins
-    share = ((place - begins) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-300)
-    return float(np.hypot(*(begins + np.clip(share, 0.0, 1.0)[:, None] * along - place).T).min())
+    fraction = ((position - begins) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-300)
+    return float(np.hypot(*(begins + np.clip(fraction, 0.0, 1.0)[:, None] * along - position).T).min())
 
 
 def site_of(instance: Instance, folder: Path) -> Site:
@@ -162,10 +162,10 @@ def _run(instance: Instance, *, budget_s: float) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as scratch:
         site = site_of(instance, Path(scratch))
         plan = planned(site, instance.name, budget_s)
-    places = (plan.chosen.route.waypoints_m[:, :2] - home_en_m(site)) * (instance.radius / _RADIUS_M) + instance.home
+    positions = (plan.chosen.route.waypoints_m[:, :2] - home_en_m(site)) * (instance.radius / _RADIUS_M) + instance.home
     return {
-        "discs": len(instance.centres), "length": tour_length(np.vstack([instance.home, places])),
-        "best_known": instance.best_known, "unseen": instance.unseen(places), "waypoints": len(places),
+        "discs": len(instance.centres), "length": tour_length(np.vstack([instance.home, positions])),
+        "best_known": instance.best_known, "unseen": instance.unobserved(positions), "waypoints": len(positions),
         "cpu_s": time.process_time() - begin,
     }  # fmt: skip
 

@@ -183,12 +183,12 @@ def bench_link(
     out = _given(out, "link -o link")
     chosen = options.names("--clients", clients, CLIENTS)
     try:
-        shares = [float(text) for text in losses.split(",")]
+        fractions = [float(text) for text in losses.split(",")]
     except ValueError:
         raise InputError(f"--losses: must be a list of numbers such as 0,0.1,0.3, not {losses!r}") from None
-    if not all(0.0 <= share < 1.0 for share in shares):
+    if not all(0.0 <= fraction < 1.0 for fraction in fractions):
         raise InputError(f"--losses: each number must be at least 0 and below 1, not {losses!r}")
-    wanted = trials(clients=chosen, losses=shares, delay_s=delay_ms / 1e3, seeds=seeds)
+    wanted = trials(clients=chosen, losses=fractions, delay_s=delay_ms / 1e3, seeds=seeds)
     done = {outcome.trial for outcome in read_outcomes(out)}
     missing = sum(trial not in done for trial in wanted)
     console.say(f"transfers: {len(wanted)}; already in {out}: {len(wanted) - missing}")

@@ -375,8 +375,8 @@ def _top_view(axis: Any, reading: Reading, route: FloatArray) -> None:
     site = reading.site()
     coverage = CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m)
     lattice = coverage.grid.cells.lattice
-    picture = np.where(lattice >= 0, coverage.seen(route)[lattice], np.nan)
-    axis.imshow(picture, origin="lower", extent=(0.0, _SIDE, 0.0, _SIDE), cmap="RdYlGn", vmin=-0.3, vmax=1.3, alpha=0.6)
+    image = np.where(lattice >= 0, coverage.observed(route)[lattice], np.nan)
+    axis.imshow(image, origin="lower", extent=(0.0, _SIDE, 0.0, _SIDE), cmap="RdYlGn", vmin=-0.3, vmax=1.3, alpha=0.6)
     axis.contour(*_surface(reading), levels=7, colors="0.4", linewidths=0.4)
     axis.plot(*route[:, :2].T, ".-", color="black", markersize=5.0, linewidth=0.9)
     axis.plot(*route[:1, :2].T, "o", color="tab:blue", markersize=7.0, markerfacecolor="none")

@@ -26,10 +26,10 @@ def least_length_m(site: Site, rule: str) -> float | None:
     Raises:
         InputError: the rule cannot be understood.
     """
-    share = parse_rule(rule).required_coverage
+    fraction = parse_rule(rule).required_coverage
     sensor = site.scenario.sensor
     in_metres = site.scenario.objective == "length" and sensor.looks_along_path and not sensor.has_own_view
-    return least_path_length_m(judging_map(site), share) if in_metres and share is not None else None
+    return least_path_length_m(judging_map(site), fraction) if in_metres and fraction is not None else None
 
 
 def proved(site: Site, result: Plan, *, time_s: float | None) -> dict[str, Any]:

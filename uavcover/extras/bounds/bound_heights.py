@@ -11,7 +11,7 @@ from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.sight import CONE, highest_in_squares, horizontal_reach
 from uavcover.kernels.surface import GRID
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.sensors import whatever_heading
+from uavcover.sensing.sensors import any_heading
 
 _PARTS = 8
 """Parts of a square's side, at which heights between its nodes are tried."""
@@ -22,13 +22,13 @@ _LEEWAY_M = 0.01
 
 def margin_cells(coverage: CoverageMap) -> int:
     """Cells around the area: places from which it can be observed, and what else can be observed from there."""
-    return math.ceil(2.0 * horizontal_reach(whatever_heading(coverage.sight)) / coverage.grid.cells.size_m) + 5
+    return math.ceil(2.0 * horizontal_reach(any_heading(coverage.sight)) / coverage.grid.cells.size_m) + 5
 
 
 def relief_over(coverage: CoverageMap, parts: int) -> Relief:
     """Heights on a lattice of ``parts`` squares a cell's side. Its first node is ``margin_cells`` south-west of the area."""
     site, cells = coverage.site, coverage.grid.cells
-    sight, limits = whatever_heading(coverage.sight), site.scenario.limits
+    sight, limits = any_heading(coverage.sight), site.scenario.limits
     side, margin = cells.size_m / parts, margin_cells(coverage)
     # Where limits apply to waypoints alone, legs may be at any height.
     cone = sight.kind == CONE and limits.applies_to == "legs"

@@ -31,7 +31,7 @@ from uavcover.model.route import Bound, Plan, RouteMember
 from uavcover.planner.selection_rule import parse_rule
 from uavcover.planner.set_cover import finest_lattice_candidates, reduce
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.sensors import whatever_heading
+from uavcover.sensing.sensors import any_heading
 
 # Lower bound on path length by prices on the ground: prices of a linear program, proved for any result of it.
 #
@@ -59,26 +59,26 @@ class PricedGround:
     """Prices that no path gains faster than it flies."""
 
     prices_m: FloatArray  # (cells,) of the visible ground, metres, at least 0
-    dearest_m: FloatArray  # (cells,) the price if all of a cell cost as much as its most expensive point
+    highest_m: FloatArray  # (cells,) the price if all of a cell cost as much as its most expensive point
     weight_m2: FloatArray  # (cells,) ground in each of them
     first_look_m: float  # what is observed at any one place is worth at most this
 
-    def least_length_m(self, share: float) -> float:
+    def least_length_m(self, fraction: float) -> float:
         """Lower bound in metres on paths that cover a fraction of the ground: the view is worth its length and one look.
 
         What may stay unseen is what saves most for its weight, part of a cell included.
         """
-        order = np.argsort(-self.dearest_m / self.weight_m2, kind="stable")
+        order = np.argsort(-self.highest_m / self.weight_m2, kind="stable")
         weight = self.weight_m2[order]
         before = np.cumsum(weight) - weight
-        unseen = np.clip((1.0 - share) * float(weight.sum()) - before, 0.0, weight) / weight
-        saved_m = np.minimum(self.dearest_m[order] * unseen, self.prices_m[order])
+        unobserved = np.clip((1.0 - fraction) * float(weight.sum()) - before, 0.0, weight) / weight
+        saved_m = np.minimum(self.highest_m[order] * unobserved, self.prices_m[order])
         return max(0.0, float(self.prices_m.sum() - saved_m.sum()) - self.first_look_m)
 
 
 def lattice_parts(coverage: CoverageMap, time_s: float) -> int | None:
     """Squares a cell of the finest lattice whose proof takes about ``time_s``; None where every lattice takes longer."""
-    size_m, reach = coverage.grid.size_m, horizontal_reach(whatever_heading(coverage.sight))
+    size_m, reach = coverage.grid.size_m, horizontal_reach(any_heading(coverage.sight))
     west, south, east, north = coverage.site.area.bounds
     for parts in _SQUARES_A_CELL:
         squares = (east - west + 2.0 * reach) * (north - south + 2.0 * reach) * (parts / size_m) ** 2
@@ -92,19 +92,19 @@ def _bins(reach: float, side: float) -> int:
     return 8 * max(8, math.ceil(2.0 * math.pi * reach * _BINS_A_SIDE / (8.0 * side)))
 
 
-def price_ground(coverage: CoverageMap, share: float, *, parts: int) -> PricedGround | None:
+def price_ground(coverage: CoverageMap, fraction: float, *, parts: int) -> PricedGround | None:
     """Prices for paths that cover a fraction of the visible ground of the cells; None without visible ground.
 
     Args:
         coverage: on the evaluation grid.
-        share: of the visible ground, 0..1.
+        fraction: of the visible ground, 0..1.
         parts: squares of the lattice of places along the side of a cell.
     """
     weight_m2 = coverable_weight_m2(coverage)
     if not weight_m2.any():
         return None
     relief = relief_over(coverage, parts)
-    program = PriceProgram(coverage, weight_m2, relief, share)
+    program = PriceProgram(coverage, weight_m2, relief, fraction)
     near = scipy.ndimage.distance_transform_edt(~program.priced) * relief.side < relief.reach
     step = max(1, max(relief.allowed.shape) // 120)
     where = np.argwhere((relief.allowed & near)[step // 2 :: step, step // 2 :: step]) * step + step // 2
@@ -128,9 +128,9 @@ def price_ground(coverage: CoverageMap, share: float, *, parts: int) -> PricedGr
     divisor = program.of_cells(largest) * (1.0 + 1e-9)
     # Ground that no place gains has no price.
     by = np.divide(1.0, divisor, out=np.zeros_like(divisor), where=divisor > 0.0)
-    prices_m, dearest_m = program.worth_m()
+    prices_m, highest_m = program.worth_m()
     look_m = _first_look_m(relief, program, by)
-    return PricedGround(prices_m * by, dearest_m * by, program.weight_m2, look_m)
+    return PricedGround(prices_m * by, highest_m * by, program.weight_m2, look_m)
 
 
 def coverable_weight_m2(coverage: CoverageMap) -> FloatArray:
@@ -222,28 +222,28 @@ def _first_look_m(relief: Relief, program: PriceProgram, by: FloatArray) -> floa
 _MOST_SQUARES_ACROSS = 4_000
 
 
-def least_path_length_m(coverage: CoverageMap, share: float) -> float:
+def least_path_length_m(coverage: CoverageMap, fraction: float) -> float:
     """Lower bound in metres on paths that cover a fraction of the visible ground; 0 without a proof.
 
     Args:
         coverage: on the evaluation grid.
-        share: of the visible ground, 0..1.
+        fraction: of the visible ground, 0..1.
     """
     grid, coverable = coverage.grid, coverage.coverable
     side = grid.size_m
     reach = np.sort(farthest_looks_m(coverage)[coverable])
     half_diagonal = side * math.sqrt(0.5)
     # The ground of a cell is at least as large as the cell on the map.
-    unseen_m2 = (1.0 - share) * float(grid.weight_m2[coverable].sum())
+    unobserved_m2 = (1.0 - fraction) * float(grid.weight_m2[coverable].sum())
     radius = reach + half_diagonal
-    area_m2 = side**2 * np.arange(1, len(reach) + 1) - unseen_m2
+    area_m2 = side**2 * np.arange(1, len(reach) + 1) - unobserved_m2
     lengths = (area_m2 - math.pi * radius**2) / (2.0 * radius)
     return max(0.0, float(lengths.max(initial=0.0)))
 
 
 def farthest_looks_m(coverage: CoverageMap) -> FloatArray:
     """(cells,) no place inside the height band further away on the map observes a cell, metres."""
-    sight = whatever_heading(coverage.sight)
+    sight = any_heading(coverage.sight)
     reach = horizontal_reach(sight)
     # Where limits apply to waypoints alone, the legs between them may be at any height.
     if sight.kind != CONE or coverage.site.scenario.limits.applies_to == "waypoints":
@@ -279,7 +279,7 @@ def _tops(coverage: CoverageMap, reach_m: float) -> tuple[FloatArray, float, flo
 
 
 SPACING_CELLS = 0.5
-MOST_PLACES = 20_000
+MOST_POSITIONS = 20_000
 """The finest lattice on which a bound is proved."""
 
 QUICK_PAIRS = 500_000
@@ -303,23 +303,23 @@ def path_bounds(coverage: CoverageMap, plan: Plan, *, time_s: float = 0.0) -> li
     """
     if not coverage.site.scenario.sensor.looks_along_path:
         return []
-    share = _asked(plan)
-    lengths = [m.metrics.path_length_m for m in _feasible(plan) if m.metrics.coverage_of_coverable >= share - _MET]
+    fraction = _required(plan)
+    lengths = [m.metrics.path_length_m for m in _feasible(plan) if m.metrics.coverage_of_coverable >= fraction - _MET]
     anywhere = "any path" if coverage.site.scenario.limits.applies_to == "waypoints" else _ANYWHERE
-    found, quick_m = min(lengths, default=None), least_path_length_m(coverage, share)
+    found, quick_m = min(lengths, default=None), least_path_length_m(coverage, fraction)
     parts = lattice_parts(coverage, time_s)
-    priced = None if parts is None else price_ground(coverage, share, parts=parts)
-    priced_m = 0.0 if priced is None else priced.least_length_m(share - _MET)
+    priced = None if parts is None else price_ground(coverage, fraction, parts=parts)
+    priced_m = 0.0 if priced is None else priced.least_length_m(fraction - _MET)
     if priced_m > quick_m:
         proved_on = f"{anywhere} {_OF_GROUND}"
-        return [Bound("shortest_path_m", share, priced_m, found, proved_on, "prices on the ground", "ground")]
-    return [Bound("shortest_path_m", share, quick_m, found, anywhere, "area within reach of a curve")]
+        return [Bound("shortest_path_m", fraction, priced_m, found, proved_on, "prices on the ground", "ground")]
+    return [Bound("shortest_path_m", fraction, quick_m, found, anywhere, "area within reach of a curve")]
 
 
 def are_quick(coverage: CoverageMap) -> bool:
     """Whether the linear relaxations on the lattice are a matter of a second."""
     across = 2.0 * horizontal_reach(coverage.sight) / (SPACING_CELLS * coverage.grid.size_m)
-    return min(coverage.grid.count * across * across, MOST_PLACES * (SPACING_CELLS * across) ** 2) <= QUICK_PAIRS
+    return min(coverage.grid.count * across * across, MOST_POSITIONS * (SPACING_CELLS * across) ** 2) <= QUICK_PAIRS
 
 
 def waypoint_bounds(coverage: CoverageMap, plan: Plan, effort: SolverEffort) -> list[Bound]:
@@ -334,21 +334,21 @@ def waypoint_bounds(coverage: CoverageMap, plan: Plan, effort: SolverEffort) -> 
     if coverage.site.scenario.sensor.looks_along_path:
         return []
     spacing_m = SPACING_CELLS * coverage.grid.cells.size_m
-    candidates = finest_lattice_candidates(coverage, spacing_m=spacing_m, most=MOST_PLACES)
+    candidates = finest_lattice_candidates(coverage, spacing_m=spacing_m, most=MOST_POSITIONS)
     program = CoverProgram(reduce(candidates))
-    share = min(_asked(plan), program.reachable)
+    fraction = min(_required(plan), program.reachable)
     count = plan.chosen.metrics.waypoint_count
-    counts = [m.metrics.waypoint_count for m in _feasible(plan) if m.metrics.coverage_of_coverable >= share - _MET]
-    seen = [m.metrics.coverage_of_coverable for m in _feasible(plan) if m.metrics.waypoint_count <= count]
-    fewest = _best_proof(max, lambda e: program.fewest_places(share, e).bound, effort)
+    counts = [m.metrics.waypoint_count for m in _feasible(plan) if m.metrics.coverage_of_coverable >= fraction - _MET]
+    observed = [m.metrics.coverage_of_coverable for m in _feasible(plan) if m.metrics.waypoint_count <= count]
+    fewest = _best_proof(max, lambda e: program.fewest_positions(fraction, e).bound, effort)
     most = _best_proof(min, lambda e: program.most_coverage(count, e).bound, effort)
     bounds = []
     if fewest is not None:
         bounds.append(
-            Bound("fewest_waypoints", share, fewest[0], min(counts, default=None), candidates.in_words, fewest[1])
+            Bound("fewest_waypoints", fraction, fewest[0], min(counts, default=None), candidates.text, fewest[1])
         )
     if most is not None:
-        bounds.append(Bound("most_coverage", count, most[0], max(seen, default=None), candidates.in_words, most[1]))
+        bounds.append(Bound("most_coverage", count, most[0], max(observed, default=None), candidates.text, most[1]))
     return bounds
 
 
@@ -363,10 +363,10 @@ def _best_proof(
     return tighter(known, key=lambda proof: proof[0]) if known else None
 
 
-def _asked(plan: Plan) -> float:
+def _required(plan: Plan) -> float:
     """The fraction of the visible ground that the rule asks for; all where it asks for none."""
-    asked = parse_rule(plan.rule).required_coverage
-    return 1.0 if asked is None else asked
+    required = parse_rule(plan.rule).required_coverage
+    return 1.0 if required is None else required
 
 
 def _feasible(plan: Plan) -> list[RouteMember]:

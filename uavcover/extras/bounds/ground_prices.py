@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.extras.bounds.relief import EXACT_M, LEAST_GROWTH, Relief, farthest_seen, height
+from uavcover.extras.bounds.relief import EXACT_M, LEAST_GROWTH, Relief, farthest_observed, height
 from uavcover.kernels.jit import allocating_kernel, kernel
 
-E_LOW, E_HIGH, N_LOW, N_HIGH, DEAREST, PE_LOW, PE_HIGH, PN_LOW, PN_HIGH = range(9)
+E_LOW, E_HIGH, N_LOW, N_HIGH, HIGHEST, PE_LOW, PE_HIGH, PN_LOW, PN_HIGH = range(9)
 """What is known of a window of squares: slopes of the ground towards east and north, the highest price, and slopes of the price
 towards both, as if all of it were priced."""
 WINDOW_FIELDS = 9
@@ -62,7 +62,13 @@ def _look_around(
 ) -> None:  # fmt: skip
     """Write to ``box`` what windows between two distances from a place say together."""
     box[E_LOW], box[N_LOW], box[PE_LOW], box[PN_LOW] = math.inf, math.inf, math.inf, math.inf
-    box[E_HIGH], box[N_HIGH], box[PE_HIGH], box[PN_HIGH], box[DEAREST] = -math.inf, -math.inf, -math.inf, -math.inf, 0.0
+    box[E_HIGH], box[N_HIGH], box[PE_HIGH], box[PN_HIGH], box[HIGHEST] = (
+        -math.inf,
+        -math.inf,
+        -math.inf,
+        -math.inf,
+        0.0,
+    )
     at = min(first + prices.slack, max(last - prices.slack, first))
     while True:
         window = prices.windows[
@@ -70,7 +76,7 @@ def _look_around(
         ]  # fmt: skip
         for f in (E_LOW, N_LOW, PE_LOW, PN_LOW):
             box[f] = min(box[f], window[f])
-        for f in (E_HIGH, N_HIGH, PE_HIGH, PN_HIGH, DEAREST):
+        for f in (E_HIGH, N_HIGH, PE_HIGH, PN_HIGH, HIGHEST):
             box[f] = max(box[f], window[f])
         if at + prices.slack >= last - 1e-9:
             return
@@ -92,7 +98,7 @@ def _products(a0: float, a1: float, b0: float, b1: float) -> tuple[float, float]
 
 @kernel
 def _passed(
-    relief: Relief, prices: NodePrices, place: tuple[float, float], direction: tuple[float, float], r: float, wide: float,
+    relief: Relief, prices: NodePrices, position: tuple[float, float], direction: tuple[float, float], r: float, wide: float,
     slopes: NDArray[np.float64], box: NDArray[np.float64], out: NDArray[np.float64],
 ) -> None:  # fmt: skip
     """Price times distance over growth at the end of view in a bin of directions, for all places of a square.
@@ -103,7 +109,7 @@ def _passed(
     Args:
         relief: heights.
         prices: of the ground.
-        place: the middle of the square, metres east and north of the first node.
+        position: the middle of the square, metres east and north of the first node.
         direction: the middle of the bin.
         r: how far ground is observed there.
         wide: of the bin, radians.
@@ -119,12 +125,12 @@ def _passed(
     # How much further than the reach the cone observes there, times its growth.
     ends, spare = tangent == 0.0, 0.0
     if not ends and r >= reach:
-        top, _, _ = height(relief, relief.top_m, place[0], place[1])
-        up, _, _ = height(relief, relief.ground_m, place[0] + reach * ue, place[1] + reach * un)
+        top, _, _ = height(relief, relief.top_m, position[0], position[1])
+        up, _, _ = height(relief, relief.ground_m, position[0] + reach * ue, position[1] + reach * un)
         spare = tangent * (top - up) - reach
     while True:
         first, last = max(r - aside, 0.0), min(r + aside, reach)
-        _look_around(prices, relief.side, place[0], place[1], ue, un, first, last, box)
+        _look_around(prices, relief.side, position[0], position[1], ue, un, first, last, box)
         if tangent == 0.0:
             break
         steep = half * _steepest(box, E_LOW)
@@ -155,7 +161,7 @@ def _passed(
         off, least, most, r = 0.0, 0.0, 0.0, reach
     moved = off + half * max(abs(least), abs(most))
     out[LEAST_R], out[MOST_R] = r - moved, r + moved
-    price = box[DEAREST]
+    price = box[HIGHEST]
     out[WORTH] = 0.0
     if not price > 0.0:
         return
@@ -176,7 +182,7 @@ def _passed(
     turning /= growth
     pe, pn, ps, pv = 0.0, 0.0, 0.0, 0.0
     # The price here as if all ground around were priced, and how it changes with the place and with the direction.
-    e, n = (place[0] + r * ue) / relief.side, (place[1] + r * un) / relief.side
+    e, n = (position[0] + r * ue) / relief.side, (position[1] + r * un) / relief.side
     j, i = int(e), int(n)
     e, n = e - j, n - i
     p = prices.per_m2
@@ -209,7 +215,7 @@ def _passed(
     ) / growth
     out[BY_E] = (price * be + r * pe) * h / growth
     out[BY_N] = (price * bn + r * pn) * h / growth
-    out[MOST] = box[DEAREST] * reach / least_growth
+    out[MOST] = box[HIGHEST] * reach / least_growth
     shifted = h * (abs(price * be + r * pe) + abs(price * bn + r * pn))
     out[WORTH] += shifted * more / growth
     out[BENT] = half * (half * (odd + askew) + (price * r + shifted + second) * bend) / growth
@@ -250,19 +256,19 @@ def rates_in_squares(
             rates[i, j] = 0.0
             if not relief.allowed[i, j]:
                 continue
-            place = ((j + 0.5) * side, (i + 0.5) * side)
-            top, _, _ = height(relief, relief.top_m, place[0], place[1])
+            position = ((j + 0.5) * side, (i + 0.5) * side)
+            top, _, _ = height(relief, relief.top_m, position[0], position[1])
             sw, se = relief.top_m[i, j], relief.top_m[i, j + 1]
             nw, ne = relief.top_m[i + 1, j], relief.top_m[i + 1, j + 1]
             slopes[0, 0], slopes[0, 1] = (se - sw) / side, (ne - se) / side
             slopes[1, 0], slopes[1, 1] = (ne - nw) / side, (nw - sw) / side
             sums_of[:] = 0.0
-            count, dearest, aslant, r = 0, 0.0, 0.0, 0.5 * reach
+            count, highest, aslant, r = 0, 0.0, 0.0, 0.5 * reach
             for k in range(bins):
                 ue, un = directions[k, 0], directions[k, 1]
-                r = farthest_seen(relief, place[0], place[1], top, ue, un, r)
+                r = farthest_observed(relief, position[0], position[1], top, ue, un, r)
                 out = passed[k]
-                _passed(relief, prices, place, (ue, un), r, wide, slopes, box, out)
+                _passed(relief, prices, position, (ue, un), r, wide, slopes, box, out)
                 if not out[WORTH] > 0.0:
                     continue
                 aslant += wide * out[BENT]
@@ -271,23 +277,23 @@ def rates_in_squares(
                     for a in range(3):
                         sums_of[a, g, 3] += out[a] * chord * ue
                         sums_of[a, g, 4] += out[a] * chord * un
-                    dearest = max(dearest, out[WORTH] + abs(out[BY_E]) + abs(out[BY_N]))
+                    highest = max(highest, out[WORTH] + abs(out[BY_E]) + abs(out[BY_N]))
                 elif out[MOST_R] >= reach:
                     unsure[count, 0], unsure[count, 1], unsure[count, 2], unsure[count, 3] = (
                         out[MOST],
-                        box[DEAREST] * reach,
+                        box[HIGHEST] * reach,
                         ue,
                         un,
                     )
                     count += 1
-                    dearest = max(dearest, max(out[MOST], box[DEAREST] * reach))
+                    highest = max(highest, max(out[MOST], box[HIGHEST] * reach))
                 else:
                     for a in range(3):
                         sums_of[a, g, 0] += out[a] * chord * ue
                         sums_of[a, g, 1] += out[a] * chord * un
                         sums_of[a, g, 2] += out[a] * wide * tangent
-                    dearest = max(dearest, out[WORTH] + abs(out[BY_E]) + abs(out[BY_N]))
-            if not dearest > 0.0:
+                    highest = max(highest, out[WORTH] + abs(out[BY_E]) + abs(out[BY_N]))
+            if not highest > 0.0:
                 continue
             most = 0.0
             for c in range(4):
@@ -298,14 +304,14 @@ def rates_in_squares(
                 for s in range(2):
                     most = max(most, _largest_sum(corner, unsure[:count], headings, slopes[s], tangent, wide, sums))
             rates[i, j] = 0.5 * most / math.cos(0.5 * math.pi / len(headings)) + 0.5 * (
-                dearest * (group * wide) ** 2 + aslant * (1.0 + tangent * np.abs(slopes).sum())
+                highest * (group * wide) ** 2 + aslant * (1.0 + tangent * np.abs(slopes).sum())
             )
-            _tell_ground(prices, place, directions, reach, size, passed, rates[i, j], largest)
+            _tell_ground(prices, position, directions, reach, size, passed, rates[i, j], largest)
 
 
 @kernel
 def _tell_ground(
-    prices: NodePrices, place: tuple[float, float], directions: NDArray[np.float64], reach: float, size: float,
+    prices: NodePrices, position: tuple[float, float], directions: NDArray[np.float64], reach: float, size: float,
     passed: NDArray[np.float64], rate: float, largest: NDArray[np.float64],
 ) -> None:  # fmt: skip
     """Write a rate to all cells whose ground may be at the end of view from a square: the windows that its bound looked at."""
@@ -315,7 +321,7 @@ def _tell_ground(
         first, last = max(passed[k, LEAST_R], 0.0), min(passed[k, MOST_R], reach)
         at = min(first + prices.slack, max(last - prices.slack, first))
         while True:
-            e, n = place[0] + at * directions[k, 0], place[1] + at * directions[k, 1]
+            e, n = position[0] + at * directions[k, 0], position[1] + at * directions[k, 1]
             for i in range(int((n - prices.around) / size), int((n + prices.around) / size) + 1):
                 for j in range(int((e - prices.around) / size), int((e + prices.around) / size) + 1):
                     largest[i, j] = max(largest[i, j], rate)

@@ -56,7 +56,7 @@ class PriceProgram:
         first_look_m: what any sampled place observes is worth at most this.
     """
 
-    def __init__(self, coverage: CoverageMap, weight_m2: FloatArray, relief: Relief, share: float) -> None:
+    def __init__(self, coverage: CoverageMap, weight_m2: FloatArray, relief: Relief, fraction: float) -> None:
         cells = coverage.grid.cells
         self._cells_a_block = max(
             _FEWEST_CELLS,
@@ -78,7 +78,7 @@ class PriceProgram:
         worth = middle.sum(axis=0)[self._nodes]
         # A square metre of the map is so much ground around each node.
         self._ground = (middle.T @ (self.weight_m2 / cells.size_m**2))[self._nodes] / worth
-        self._worth = np.concatenate([worth * cells.size_m**2, [-(1.0 - share) * self.weight_m2.sum(), -1.0]])
+        self._worth = np.concatenate([worth * cells.size_m**2, [-(1.0 - fraction) * self.weight_m2.sum(), -1.0]])
         self._rows: list[Rows] = []
         self._scale = np.zeros(0)
         self._moves: list[IntArray] = []
@@ -117,10 +117,10 @@ class PriceProgram:
                 too_much = np.flatnonzero(gain > _NEARLY)
                 added += len(np.setdiff1d(too_much, self._moves[m]))
                 self._moves[m] = np.union1d(self._moves[m][gain[self._moves[m]] > _IDLE], too_much)
-            seen = np.flatnonzero(looks > _NEARLY * look_m)
-            most = seen[np.argsort(-looks[seen])[:_LOOKS_AT_ONCE]]
+            observed = np.flatnonzero(looks > _NEARLY * look_m)
+            most = observed[np.argsort(-looks[observed])[:_LOOKS_AT_ONCE]]
             self._looks = np.union1d(self._looks[looks[self._looks] > _IDLE * look_m], most)
-            if not added and not len(seen):
+            if not added and not len(observed):
                 break
         flat = np.zeros(self.across**2)
         flat[self._nodes] = per_m2
@@ -198,8 +198,8 @@ class PriceProgram:
         count = len(self._nodes)
         prices = scipy.sparse.identity(count, format="csr")
 
-        def with_two_more(rows: Rows, unseen: FloatArray | float, look: float) -> Rows:
-            two = np.column_stack([np.broadcast_to(unseen, rows.shape[0]), np.full(rows.shape[0], look)])
+        def with_two_more(rows: Rows, unobserved: FloatArray | float, look: float) -> Rows:
+            two = np.column_stack([np.broadcast_to(unobserved, rows.shape[0]), np.full(rows.shape[0], look)])
             return scipy.sparse.hstack([rows, scipy.sparse.csr_array(two)], "csr")
 
         matrix = scipy.sparse.vstack(
@@ -357,18 +357,18 @@ class CoverProgram:
 
     def __init__(self, reduced: Reduced) -> None:
         self._reduced = reduced
-        by_place = scipy.sparse.csr_array(
+        by_position = scipy.sparse.csr_array(
             (np.ones(reduced.classes.size), reduced.classes, reduced.start),
             shape=(reduced.numbers.size, reduced.weight.size),
         )
-        self._matrix = scipy.sparse.csr_array(by_place.T)
+        self._matrix = scipy.sparse.csr_array(by_position.T)
 
     @property
     def reachable(self) -> float:
         """Fraction of the visible ground that the places observe together, 0..1."""
         return self._reduced.reachable
 
-    def fewest_places(self, coverage: float, effort: SolverEffort) -> CoverSolution:
+    def fewest_positions(self, coverage: float, effort: SolverEffort) -> CoverSolution:
         """The fewest points that observe a fraction of the coverable area; with all of ``reachable`` this is set cover.
 
         Args:
@@ -380,25 +380,25 @@ class CoverProgram:
         rows, c = self._matrix.shape
         if coverage >= self.reachable - _COVERED:
             return self._counted(self._solve(np.ones(c), self._matrix, np.ones(rows), c, effort))
-        matrix = self._with_seen(np.append(np.zeros(c), self._reduced.weight))
+        matrix = self._with_observed(np.append(np.zeros(c), self._reduced.weight))
         lower = np.append(np.zeros(rows), coverage - _COVERED)
         return self._counted(self._solve(np.append(np.ones(c), np.zeros(rows)), matrix, lower, c, effort))
 
     def most_coverage(self, count: int, effort: SolverEffort) -> CoverSolution:
         """At most ``count`` places with the largest fraction of the coverable area; the bound is that share."""
         rows, c = self._matrix.shape
-        matrix = self._with_seen(np.append(-np.ones(c), np.zeros(rows)))
+        matrix = self._with_observed(np.append(-np.ones(c), np.zeros(rows)))
         lower = np.append(np.zeros(rows), -float(count))
         chosen, least = self._solve(np.append(np.zeros(c), -self._reduced.weight), matrix, lower, c, effort)
         return CoverSolution(chosen, None if least is None else min(-least, self.reachable))
 
-    def _with_seen(self, last: FloatArray) -> Rows:
+    def _with_observed(self, last: FloatArray) -> Rows:
         """The table with a variable for each class, and a last row.
 
         A class of cells counts as observed as far as its variable says, which is at most the number of places that observe it.
         """
-        seen = scipy.sparse.hstack([self._matrix, -scipy.sparse.eye_array(self._matrix.shape[0])])
-        return scipy.sparse.vstack([seen, scipy.sparse.csr_array(last[None])])
+        observed = scipy.sparse.hstack([self._matrix, -scipy.sparse.eye_array(self._matrix.shape[0])])
+        return scipy.sparse.vstack([observed, scipy.sparse.csr_array(last[None])])
 
     def _counted(self, outcome: tuple[NDArray[np.int64] | None, float | None]) -> CoverSolution:
         """Round a bound on a number of places, which is an integer."""

@@ -54,7 +54,7 @@ def height(relief: Relief, up: NDArray[np.float64], e: float, n: float) -> tuple
 
 
 @kernel
-def farthest_seen(relief: Relief, e: float, n: float, top: float, ue: float, un: float, guess: float) -> float:
+def farthest_observed(relief: Relief, e: float, n: float, top: float, ue: float, un: float, guess: float) -> float:
     """Distance to which ground is observed along a direction from a place, metres; to 0.01 mm, and at most ``reach``."""
     if relief.tangent == 0.0:
         return relief.reach
@@ -158,7 +158,7 @@ def rates_by_node(
     bins, count = len(directions), len(headings)
     wide = 2.0 * math.pi / bins
     starts, columns, data = np.zeros(len(where) + 1, np.int64), np.empty(room, np.int32), np.zeros((room, count + 1))
-    seen_at, slot = np.full(across * across, -1), np.zeros(across * across, np.int64)
+    observed_at, slot = np.full(across * across, -1), np.zeros(across * across, np.int64)
     gains = np.empty(count + 1)
     filled = 0
     for p in range(len(where)):
@@ -170,7 +170,7 @@ def rates_by_node(
         r = 0.5 * relief.reach
         for k in range(bins):
             ue, un = directions[k, 0], directions[k, 1]
-            r = farthest_seen(relief, e, n, top, ue, un, r)
+            r = farthest_observed(relief, e, n, top, ue, un, r)
             growth, lift = 1.0, 0.0
             if relief.tangent > 0.0 and r < relief.reach:
                 _, ge, gn = height(relief, relief.ground_m, e + r * ue, n + r * un)
@@ -193,11 +193,11 @@ def rates_by_node(
                 along, up = along - j, up - i
                 for c in range(4):
                     node = (i + c // 2) * across + j + c % 2
-                    if seen_at[node] != p:
+                    if observed_at[node] != p:
                         if filled == room:
                             starts[0] = -1
                             return starts, columns, data
-                        seen_at[node], slot[node] = p, filled
+                        observed_at[node], slot[node] = p, filled
                         columns[filled] = node
                         filled += 1
                     part = (up if c // 2 else 1.0 - up) * (along if c % 2 else 1.0 - along)

@@ -21,13 +21,13 @@ from uavcover.extras.check.clearance_checks import (
 from uavcover.extras.check.endurance_checks import endurance_findings, speed_findings, wing_findings
 from uavcover.extras.check.findings import CheckFinding, FlownPath, joined
 from uavcover.extras.check.flown_path import flown_path
-from uavcover.extras.check.item_checks import Doubt, Heights, believed, impossible_numbers, places_of, value_findings
+from uavcover.extras.check.item_checks import Doubt, Heights, believed, impossible_numbers, positions_of, value_findings
 from uavcover.extras.check.return_checks import (
     Lines,
     OwnReturn,
     cut,
     lowest_of,
-    places_along,
+    positions_along,
     return_findings,
     with_gaps,
 )
@@ -105,14 +105,14 @@ def check_mission(
 ) -> Checked:
     """Judge a mission at its full length. Raises UavcoverError: elevation data or zones cannot be read."""
     mission, aircraft, limits = request.mission, request.aircraft, request.limits
-    places = places_of(mission, heights, aircraft.autopilot, home=request.home, doubt=doubt)
-    findings = [*places.findings, *_frame_findings(mission, aircraft)]
+    positions = positions_of(mission, heights, aircraft.autopilot, home=request.home, doubt=doubt)
+    findings = [*positions.findings, *_frame_findings(mission, aircraft)]
     impossible = impossible_numbers(mission)
-    findings += impossible or value_findings(mission, aircraft, places.home)
-    if places.home is None or impossible:
+    findings += impossible or value_findings(mission, aircraft, positions.home)
+    if positions.home is None or impossible:
         return Checked(_sorted(findings), None, None, 0.0)
-    world, prisms = _world(request, places.home, places.skipped, read_ground, read_surface)
-    path = flown_path(mission, world, aircraft, skipped=places.skipped)
+    world, prisms = _world(request, positions.home, positions.skipped, read_ground, read_surface)
+    path = flown_path(mission, world, aircraft, skipped=positions.skipped)
     surroundings = replace(_surroundings(request, world, path, read_zones), prisms=prisms)
     findings += path.findings
     findings += with_hints(height_findings(path, world, limits), mission, world, limits)
@@ -199,11 +199,11 @@ def _world(
 
 
 def _surroundings(request: CheckRequest, world: World, path: FlownPath, read_zones: ZoneReader) -> Surroundings:
-    places = np.vstack([np.zeros((1, 3)), *(segment.known_m for segment in path.segments)])
-    lat, lon, _ = world.frame.geodetic_from_enu(places)
+    positions = np.vstack([np.zeros((1, 3)), *(segment.known_m for segment in path.segments)])
+    lat, lon, _ = world.frame.geodetic_from_enu(positions)
     entries = read_zones((float(lon.min()), float(lat.min()), float(lon.max()), float(lat.max())))
-    box = shapely.box(*places[:, :2].min(axis=0), *places[:, :2].max(axis=0)).buffer(1.0)
-    pilot = (0.0, 0.0) if request.pilot is None else world.place(*request.pilot)
+    box = shapely.box(*positions[:, :2].min(axis=0), *positions[:, :2].max(axis=0)).buffer(1.0)
+    pilot = (0.0, 0.0) if request.pilot is None else world.position(*request.pilot)
     eye = world.above_ground([pilot], WORLD.eye_m)[0]
     return Surroundings(
         fence=local_fence(request.fence, world, request.aircraft.autopilot),
@@ -245,7 +245,7 @@ def _agl_m(item: MissionItem, world: World, frame: Frame, alt_m: float) -> float
     """Height above ground of an item's place with its number read in another way."""
     if frame is Frame.ABOVE_TERRAIN:
         return alt_m
-    east, north = world.place(item.lat_deg, item.lon_deg)
+    east, north = world.position(item.lat_deg, item.lon_deg)
     alt = alt_m + (world.home_alt_amsl_m if frame is Frame.ABOVE_HOME else 0.0)
     return float(world.ground.heights_agl_m(world.at_alts([[east, north]], alt))[0])
 
@@ -287,19 +287,19 @@ def sight_findings(path: FlownPath, world: World, pilot_m: FloatArray) -> list[C
     for segment in path.distinct:
         if segment.phase not in ("route", "return"):
             continue
-        places = places_along(segment)
-        lowest, _, begin = lowest_of(world, _bent_lines(pilot_m, places))
+        positions = positions_along(segment)
+        lowest, _, begin = lowest_of(world, _bent_lines(pilot_m, positions))
         if lowest < -CHECKS.clearance_tolerance_m:
             what = f"hidden from the pilot and the radio: {what_hides} rise {-lowest:.0f} m above the line of sight"
             do = "choose another position (--pilot), fly higher, or use a spotter"
             found = segment.found("sight", -lowest, what=what, do=do, weight="look")
-            hidden.append(found.at(world.geodetic(places[begin])))
+            hidden.append(found.at(world.geodetic(positions[begin])))
     return joined(hidden, lambda one: one.kind)
 
 
-def _bent_lines(pilot_m: FloatArray, places_m: FloatArray) -> Lines:
+def _bent_lines(pilot_m: FloatArray, positions_m: FloatArray) -> Lines:
     """Lines from the pilot to (n, 3) positions, as radio waves observe the ground between them."""
-    away = places_m - pilot_m
+    away = positions_m - pilot_m
     distances_m = np.hypot(away[:, 0], away[:, 1])
     owner, t = cut(np.maximum(2, np.ceil(distances_m / CHECKS.return_line_piece_m)).astype(np.int64))
     lines = pilot_m + t[:, None] * away[owner]

@@ -30,7 +30,7 @@ from uavcover.scenario.surface_model import higher_of, of_surface, refuse_misfit
 from uavcover.terrain.elevation_file import read_ground, read_heights_amsl_m
 from uavcover.terrain.frames import Bounds, LocalFrame, lons_beside
 from uavcover.terrain.ground import Ground
-from uavcover.terrain.suspect_heights import SuspectPlace, suspect_places
+from uavcover.terrain.suspect_heights import SuspectPosition, suspect_positions
 from uavcover.terrain.terrain_source import TerrainSource
 
 # Routes of drone apps and map programs as missions: GPX, KML lines, DJI's WPML, Litchi's CSV.
@@ -102,7 +102,7 @@ class CheckElevation:
     over: TerrainSource | None = None  # files of a surface model; None without one
     over_datum: str = ""  # of its heights
     # places of the ground's files that do not look like ground: their heights count as unknown
-    suspects: tuple[SuspectPlace, ...] = ()
+    suspects: tuple[SuspectPosition, ...] = ()
 
     def heights_amsl_m(self, lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
         """Heights (n,) of the ground above sea level at (n,) positions, NaN if unknown."""
@@ -179,31 +179,31 @@ def open_check_elevation(
     return CheckElevation(ground, datum, over, over_datum, suspects)
 
 
-def _real_places(mission: Mission, home: tuple[float, float] | None) -> FloatArray:
+def _real_positions(mission: Mission, home: tuple[float, float] | None) -> FloatArray:
     """(n, 2) latitudes and longitudes of home and items."""
-    places = [] if home is None else [home]
+    positions = [] if home is None else [home]
     if mission.home is not None:
-        places.append((mission.home.lat_deg, mission.home.lon_deg))
-    places += [(item.lat_deg, item.lon_deg) for item in mission.items if item.has_position]
-    real = [place for place in places if all(map(math.isfinite, place)) and place != (0.0, 0.0)]
+        positions.append((mission.home.lat_deg, mission.home.lon_deg))
+    positions += [(item.lat_deg, item.lon_deg) for item in mission.items if item.has_position]
+    real = [position for position in positions if all(map(math.isfinite, position)) and position != (0.0, 0.0)]
     return np.array(real, dtype=float).reshape(-1, 2)
 
 
 def _suspects(
     ground: TerrainSource, datum: str, mission: Mission, home: tuple[float, float] | None
-) -> tuple[SuspectPlace, ...]:
-    real = _real_places(mission, home)
+) -> tuple[SuspectPosition, ...]:
+    real = _real_positions(mission, home)
     if not len(real):
         return ()
     near = real[(np.abs(real - np.median(real, axis=0)) < WORLD.flown_deg).all(axis=1)]
     near = near if len(near) else real[:1]
     south, west = near.min(axis=0) - WORLD.flown_around_deg
     north, east = near.max(axis=0) + WORLD.flown_around_deg
-    return suspect_places(ground, datum, (west, max(south, -90.0), east, min(north, 90.0)))
+    return suspect_positions(ground, datum, (west, max(south, -90.0), east, min(north, 90.0)))
 
 
 def _opened(data: ElevationData, mission: Mission, home: tuple[float, float] | None) -> tuple[TerrainSource, str]:
-    real = _real_places(mission, home)
+    real = _real_positions(mission, home)
     if not len(real):
         return open_elevation_data(data)
     # Around what most places are near to: one wrong place must not bring the tiles of half the Earth.
@@ -224,9 +224,9 @@ def _in_options(error: TerrainError) -> TerrainError:
     return TerrainError(text)
 
 
-def _is_suspect(places: Iterable[SuspectPlace], lat_deg: FloatArray, lon_deg: FloatArray) -> BoolArray:
+def _is_suspect(positions: Iterable[SuspectPosition], lat_deg: FloatArray, lon_deg: FloatArray) -> BoolArray:
     """(n,) whether geodetic positions (n,) lie in one of the places."""
     found = np.zeros(len(lat_deg), dtype=bool)
-    for place in places:
-        found |= shapely.intersects_xy(place.shape, lons_beside(lon_deg, place.shape.centroid.x), lat_deg)
+    for position in positions:
+        found |= shapely.intersects_xy(position.shape, lons_beside(lon_deg, position.shape.centroid.x), lat_deg)
     return found

@@ -12,7 +12,7 @@ import shapely
 
 from uavcover.errors import InputError, OutputError
 from uavcover.extras.check.check import Checked
-from uavcover.extras.check.findings import CheckFinding, Segment, along_m, places_at
+from uavcover.extras.check.findings import CheckFinding, Segment, along_m, positions_at
 from uavcover.extras.check.mission_file import CheckOutcome, CheckQuery
 from uavcover.extras.check.tuning import PAGE
 from uavcover.extras.check.world import Limits, LocalFence, World
@@ -70,16 +70,16 @@ def figures_of(checked: Checked) -> dict[str, float | None]:
     return known
 
 
-def say_findings(outcome: CheckOutcome, user: User) -> None:
+def print_findings(outcome: CheckOutcome, user: User) -> None:
     """Print the outcome: one row for each finding with its remedy below, then the figures."""
     checked = outcome.checked
     if checked.findings:
         user.say(f"{'':8}{'what':15}{'items':10}{'latitude, longitude':26}{'by':>9}")
     for one in checked.findings:
         items = "-".join(dict.fromkeys(map(str, one.items or ())))
-        place = "" if one.lat_deg is None or one.lon_deg is None else f"{one.lat_deg:.6f}, {one.lon_deg:.6f}"
+        position = "" if one.lat_deg is None or one.lon_deg is None else f"{one.lat_deg:.6f}, {one.lon_deg:.6f}"
         by = "" if not one.unit else f"{one.by:.1f} {one.unit}" if one.by < 1000.0 else f"{one.by:.0f} {one.unit}"
-        user.say(f"{one.weight:8}{one.kind:15}{items:10}{place:26}{by:>9}".rstrip())
+        user.say(f"{one.weight:8}{one.kind:15}{items:10}{position:26}{by:>9}".rstrip())
         user.say(f"{'':8}{one.what}")
         user.say(f"{'':8}-> {one.do}")
     figures = figures_of(checked)
@@ -93,7 +93,7 @@ def say_findings(outcome: CheckOutcome, user: User) -> None:
     if texts:
         user.say("; ".join(texts))
     if figures["time_s"] is not None:
-        user.say(f"the flight time assumes {outcome.aircraft.speeds_in_words}; speeds in the mission take precedence")
+        user.say(f"the flight time assumes {outcome.aircraft.speeds_text}; speeds in the mission take precedence")
     for line in () if outcome.view is None else outcome.view.lines:
         user.say(line)
     user.say(f"verdict: {checked.verdict}")
@@ -112,17 +112,17 @@ def write_map(outcome: CheckOutcome, path: Path, *, force: bool) -> None:
         for segment in checked.path.distinct:
             if len(segment.known_m) < 2:
                 continue
-            places = zip(*checked.world.frame.geodetic_from_enu(segment.known_m), strict=True)
-            line = [[round(float(lon), 8), round(float(lat), 8), round(float(alt), 2)] for lat, lon, alt in places]
+            positions = zip(*checked.world.frame.geodetic_from_enu(segment.known_m), strict=True)
+            line = [[round(float(lon), 8), round(float(lat), 8), round(float(alt), 2)] for lat, lon, alt in positions]
             first, last = segment.items
             features.append(_feature("LineString", line, {"from_item": first, "item": last, "phase": segment.phase}))
     for one in checked.findings:
         if one.lat_deg is not None and one.lon_deg is not None:
             features.append(_feature("Point", [one.lon_deg, one.lat_deg], one.document()))
-    if outcome.view is not None and checked.world is not None and not outcome.view.unseen_m.is_empty:
+    if outcome.view is not None and checked.world is not None and not outcome.view.unobserved_m.is_empty:
         frame = checked.world.frame
-        unseen = shapely.transform(outcome.view.unseen_m, lambda en_m: frame.lon_lat_from_en(en_m).round(8))
-        shape = shapely.orient_polygons(unseen)
+        unobserved = shapely.transform(outcome.view.unobserved_m, lambda en_m: frame.lon_lat_from_en(en_m).round(8))
+        shape = shapely.orient_polygons(unobserved)
         features.append(
             {"type": "Feature", "geometry": shapely.geometry.mapping(shape), "properties": {"kind": "unseen"}}
         )
@@ -193,9 +193,9 @@ def _legs(checked: Checked, world: World) -> list[dict[str, Any]]:
         line = segment.known_m
         if len(line) < 2:
             continue
-        reached, places = _sampled(line)
-        above = world.clearances_m(places)
-        alts = world.alts_amsl_m(places)
+        reached, positions = _sampled(line)
+        above = world.clearances_m(positions)
+        alts = world.alts_amsl_m(positions)
         ranges = world.leg_height_ranges_m(line)[:, 0]
         legs.append({
             "from": segment.items[0], "to": segment.items[1], "phase": segment.phase,
@@ -209,7 +209,7 @@ def _legs(checked: Checked, world: World) -> list[dict[str, Any]]:
 def _sampled(line: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Distances along a line, and places there, for its profile."""
     at = np.linspace(0.0, along_m(line)[-1], PAGE.profile_steps)
-    return at, places_at(at, line)
+    return at, positions_at(at, line)
 
 
 def _profile(world: World, segments: tuple[Segment, ...], findings: tuple[CheckFinding, ...], limits: Limits) -> Chart:
@@ -220,9 +220,9 @@ def _profile(world: World, segments: tuple[Segment, ...], findings: tuple[CheckF
         line = segment.known_m
         if len(line) < 2:
             continue
-        at, places = _sampled(line)
-        alts = world.alts_amsl_m(places)
-        parts.append((begin + at, alts, alts - world.clearances_m(places), _is_broken(segment, broken)))
+        at, positions = _sampled(line)
+        alts = world.alts_amsl_m(positions)
+        parts.append((begin + at, alts, alts - world.clearances_m(positions), _is_broken(segment, broken)))
         begin += float(at[-1])
     along = np.concatenate([part[0] for part in parts]) / 1000.0
     ground, flown = np.concatenate([part[2] for part in parts]), np.concatenate([part[1] for part in parts])
@@ -248,7 +248,7 @@ def _data(checked: Checked, world: World, outcome: CheckOutcome, legs: list[dict
     shapes = [shapely.MultiPoint(points), *(shapely.LinearRing(ring["points"]) for ring in fence)]
     west, south, east, north = shapely.union_all(shapes).bounds
     bounds = (west - PAGE.pad_m, south - PAGE.pad_m, east + PAGE.pad_m, north + PAGE.pad_m)
-    unseen = None if outcome.view is None else outcome.view.unseen_m
+    unobserved = None if outcome.view is None else outcome.view.unobserved_m
     return {
         "bounds": rounded(np.array(bounds)),
         "relief": relief_image(world.ground, bounds),
@@ -260,17 +260,17 @@ def _data(checked: Checked, world: World, outcome: CheckOutcome, legs: list[dict
             {"name": prism.footprint.name, "rings": [rounded(ring) for ring in rings_m(prism.footprint.polygon)]}
             for prism in around.prisms
         ],
-        "unseen": [] if unseen is None or unseen.is_empty else [rounded(ring) for ring in rings_m(unseen)],
-        "pictures": [] if outcome.view is None else rounded(outcome.view.pictures.places_m[:, :2]),
+        "unseen": [] if unobserved is None or unobserved.is_empty else [rounded(ring) for ring in rings_m(unobserved)],
+        "pictures": [] if outcome.view is None else rounded(outcome.view.photos.positions_m[:, :2]),
         "findings": [_finding(number, one, world) for number, one in enumerate(checked.findings, 1)],
     }  # fmt: skip
 
 
 def _finding(number: int, one: CheckFinding, world: World) -> dict[str, Any]:
-    place = None
+    position = None
     if one.lat_deg is not None and one.lon_deg is not None:
-        place = rounded(np.array(world.place(one.lat_deg, one.lon_deg)))
-    return {"number": number, "weight": one.weight, "kind": one.kind, "what": one.what, "do": one.do, "place": place}
+        position = rounded(np.array(world.position(one.lat_deg, one.lon_deg)))
+    return {"number": number, "weight": one.weight, "kind": one.kind, "what": one.what, "do": one.do, "place": position}
 
 
 def _fence(fence: LocalFence) -> list[dict[str, Any]]:

@@ -53,7 +53,7 @@ def _worst_of_each(findings: list[CheckFinding]) -> list[CheckFinding]:
     return list(worst.values())
 
 
-def place_of(segment: Segment, piece: int, at: float) -> FloatArray:
+def position_of(segment: Segment, piece: int, at: float) -> FloatArray:
     """The place (3,) at a parameter 0..1 of a piece of a segment."""
     begin, end = segment.enu_m[piece], segment.enu_m[piece + 1]
     return np.asarray(begin + at * (end - begin))
@@ -62,14 +62,14 @@ def place_of(segment: Segment, piece: int, at: float) -> FloatArray:
 def _too_low(segment: Segment, world: World, limits: Limits, ranges: FloatArray) -> list[CheckFinding]:
     piece = int(np.nanargmin(ranges[:, 0]))
     lowest_m = float(ranges[piece, 0])
-    where = place_of(segment, piece, float(ranges[piece, 1]))
+    where = position_of(segment, piece, float(ranges[piece, 1]))
     # Take-off and landing touch the ground at their ends, and nowhere else.
     landed_m = CHECKS.landed_m if world.surface is None else TERRAIN.hides_m
     limit_m = limits.min_height_agl_m if segment.phase in ("route", "return") else -landed_m
     if lowest_m >= limit_m - CHECKS.clearance_tolerance_m:
         return []
     short_m = limit_m - lowest_m
-    words = height_in_words(lowest_m, where, world)
+    words = height_text(lowest_m, where, world)
     a, b = segment.items
     points = f"item {b}" if a in (0, b) or segment.phase != "route" else f"items {a} and {b}"
     what = f"{words}; the limit is {max(limit_m, 0.0):g} m"
@@ -85,10 +85,10 @@ def _remedy(segment: Segment, world: World, points: str, short_m: float) -> str:
     return f"raise {points} by {short_m:.0f} m or more, or insert a waypoint"
 
 
-def height_in_words(lowest_m: float, place_m: FloatArray, world: World) -> str:
+def height_text(lowest_m: float, position_m: FloatArray, world: World) -> str:
     """A least height, above what it is, as text; also above the ground where trees or roofs stand on it."""
     side = f"{-lowest_m:.1f} m below" if lowest_m < 0.0 else f"{lowest_m:.1f} m above"
-    bare_m = float(world.ground.heights_agl_m(place_m)[0])
+    bare_m = float(world.ground.heights_agl_m(position_m)[0])
     if world.surface is None or not bare_m - lowest_m > TERRAIN.hides_m:
         return f"{side} the ground"
     return f"{side} the top of trees or roofs ({bare_m:.1f} m above the ground)"
@@ -104,8 +104,8 @@ def _too_high(segment: Segment, world: World, limits: Limits, ranges: FloatArray
     over_m = highest_m - limits.max_height_agl_m
     what = f"{highest_m:.0f} m above the ground; the limit is {limits.max_height_agl_m:g} m"
     do = f"fly {over_m:.0f} m lower there, or raise --max-height"
-    place = place_of(segment, piece, float(ranges[piece, 3]))
-    return [segment.found("height", over_m, what=what, do=do).at(world.geodetic(place))]
+    position = position_of(segment, piece, float(ranges[piece, 3]))
+    return [segment.found("height", over_m, what=what, do=do).at(world.geodetic(position))]
 
 
 def _above_home(segment: Segment, world: World, limits: Limits) -> list[CheckFinding]:
@@ -129,7 +129,7 @@ def _cut_at_doubts(segment: Segment, world: World) -> Segment:
     doubtful = [shape.buffer(2.0 * world.ground.surface.step_m) for shape, _ in world.ground.left_out]
     if not doubtful or not np.isfinite(line).all():
         return segment
-    places = [line[:1]]
+    positions = [line[:1]]
     for begin, end in pairwise(line):
         leg = shapely.LineString([begin[:2], end[:2]])
         length_m = leg.length
@@ -140,19 +140,19 @@ def _cut_at_doubts(segment: Segment, world: World) -> Segment:
             for corner in shapely.get_coordinates(shape.intersection(leg))
         ]
         inner = np.array(sorted({cut for cut in cuts if 1e-6 < cut < 1.0 - 1e-6})).reshape(-1, 1)
-        places += [begin + inner * (end - begin), end[None, :]]
-    return replace(segment, enu_m=np.vstack(places))
+        positions += [begin + inner * (end - begin), end[None, :]]
+    return replace(segment, enu_m=np.vstack(positions))
 
 
 def _unknown(segment: Segment, world: World, ranges: FloatArray) -> CheckFinding:
     piece = int(np.argmin(np.isfinite(ranges).all(axis=1)))
-    place = segment.enu_m[piece]
+    position = segment.enu_m[piece]
     leg = shapely.LineString(segment.enu_m[piece : piece + 2, :2])
     reach_m = 2.0 * world.ground.surface.step_m
     for shape, words in world.ground.left_out:
-        if np.isfinite(place).all() and shape.distance(leg) <= reach_m:
+        if np.isfinite(position).all() and shape.distance(leg) <= reach_m:
             nearest = shapely.ops.nearest_points(leg, shape)[0]
-            at = np.array([nearest.x, nearest.y, place[2]])
+            at = np.array([nearest.x, nearest.y, position[2]])
             what = f"the elevation data is implausible here: {words}"
             return CheckFinding(
                 kind="suspect-ground", weight="unknown", items=segment.items, what=what, do=OTHER_DATA
@@ -161,7 +161,7 @@ def _unknown(segment: Segment, world: World, ranges: FloatArray) -> CheckFinding
         kind="no-elevation", weight="unknown", items=segment.items, what="the elevation data contains no height here",
         do="use elevation data that covers the whole flight",
     )  # fmt: skip
-    return found.at(world.geodetic(place)) if np.isfinite(place).all() else found
+    return found.at(world.geodetic(position)) if np.isfinite(position).all() else found
 
 
 # Fence, no-fly zones and distance from home, along every segment at its full length.
@@ -176,8 +176,8 @@ def fence_findings(path: FlownPath, world: World, around: Surroundings) -> list[
         beyond = beyond_fence(segment.enu_m[:, :2], around.fence)
         if beyond is None:
             continue
-        depth_m, place = beyond
-        lat, lon, _ = world.geodetic([*place, 0.0])
+        depth_m, position = beyond
+        lat, lon, _ = world.geodetic([*position, 0.0])
         what = f"{depth_m:.1f} m beyond the fence"
         one = segment.found("fence", depth_m, what=what, do="move the items inside the fence, or enlarge it")
         found.append(replace(one, lat_deg=lat, lon_deg=lon))
@@ -218,10 +218,10 @@ def _farthest(part: BaseGeometry, shape: shapely.Geometry) -> tuple[float, tuple
     """The place of a part of a line that is farthest from a shape."""
     if part.is_empty:
         return 0.0, (0.0, 0.0)
-    places = shapely.get_coordinates(shapely.segmentize(part, CHECKS.boundary_step_m) if part.length > 0.0 else part)
-    depths = np.atleast_1d(shapely.distance(shapely.points(places), shape))
+    positions = shapely.get_coordinates(shapely.segmentize(part, CHECKS.boundary_step_m) if part.length > 0.0 else part)
+    depths = np.atleast_1d(shapely.distance(shapely.points(positions), shape))
     k = int(np.argmax(depths))
-    return float(depths[k]), (float(places[k, 0]), float(places[k, 1]))
+    return float(depths[k]), (float(positions[k, 0]), float(positions[k, 1]))
 
 
 def zone_findings(path: FlownPath, world: World, around: Surroundings) -> list[CheckFinding]:
@@ -234,11 +234,11 @@ def zone_findings(path: FlownPath, world: World, around: Surroundings) -> list[C
             begin, end = segment.enu_m[breach.leg], segment.enu_m[breach.leg + 1]
             if breach.depth_m > worst.get(breach.zone, (0.0, None))[0]:
                 worst[breach.zone] = breach.depth_m, begin + breach.at * (end - begin)
-        for number, (depth_m, place) in worst.items():
+        for number, (depth_m, position) in worst.items():
             zone = around.zones[number]
-            what = f"{depth_m:.1f} m inside no-fly zone {zone.name} ({zone.heights_in_words()})"
+            what = f"{depth_m:.1f} m inside no-fly zone {zone.name} ({zone.heights_text()})"
             one = segment.found("no-fly", depth_m, what=what, do="move the path around the zone")
-            found.setdefault(number, []).append(one.at(world.geodetic(place)))
+            found.setdefault(number, []).append(one.at(world.geodetic(position)))
     return [one for number in sorted(found) for one in joined(found[number], lambda one: one.kind)]
 
 
@@ -301,12 +301,12 @@ def obstacle_findings(path: FlownPath, world: World, around: Surroundings) -> li
         nearest = nearest_obstacle(segment.enu_m, world, around)
         if nearest is None:
             continue
-        short_m, name, place = nearest
+        short_m, name, position = nearest
         clearance_m = around.obstacle_clearance_m
         side = "through" if short_m >= clearance_m else f"{clearance_m - short_m:.1f} m from"
         what = f"{side} obstacle {name}; the limit is {clearance_m:g} m"
         do = "move the path around or over the obstacle, or reduce --obstacle-clearance"
-        found.append(segment.found("obstacle", short_m, what=what, do=do).at(world.geodetic(place)))
+        found.append(segment.found("obstacle", short_m, what=what, do=do).at(world.geodetic(position)))
     return joined(found, lambda one: one.what.split(" obstacle ")[-1])
 
 

@@ -124,7 +124,7 @@ class ViewOptions:
     def query(self) -> "ViewQuery | None":
         """The given area and requirements; None without an area."""
         from uavcover.errors import InputError
-        from uavcover.extras.check.planned_pictures import Series
+        from uavcover.extras.check.planned_photos import Series
         from uavcover.extras.check.planned_view import ViewQuery
         from uavcover.new.quantities import length_m, time_s
         from uavcover.scenario.areas.area_file import AreaQuery
@@ -203,7 +203,7 @@ def check(
     mission.
     """
     from uavcover.errors import InputError
-    from uavcover.extras.check.check_page import document_of, refuse_map, say_findings, worst_verdict, write_map
+    from uavcover.extras.check.check_page import document_of, print_findings, refuse_map, worst_verdict, write_map
     from uavcover.extras.check.mission_file import CheckQuery
     from uavcover.extras.check.mission_file import check as check_file
     from uavcover.extras.check.repair import refuse_repair_into, repair_mission
@@ -242,7 +242,7 @@ def check(
         most_items=written.max_items, trust_dem=around.trust_dem,
     )  # fmt: skip
     outcome = check_file(query, console)
-    say_findings(outcome, console)
+    print_findings(outcome, console)
     outcomes = [(query, outcome)]
     if fixed is not None:
         for part in repair_mission(query, outcome.checked, fixed, console, force=written.force):
@@ -250,7 +250,7 @@ def check(
             console.say(f"{part}:")
             again = dataclasses.replace(query, file=part)
             outcomes.append((again, check_file(again, console)))
-            say_findings(outcomes[-1][1], console)
+            print_findings(outcomes[-1][1], console)
     query, outcome = outcomes[0]
     if written.map_file is not None:
         if written.map_file.suffix.lower() == ".html":

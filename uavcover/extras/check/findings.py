@@ -107,7 +107,7 @@ def along_m(line_m: FloatArray) -> FloatArray:
     return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line_m, axis=0), axis=1)))
 
 
-def places_at(at_m: FloatArray, line_m: FloatArray) -> FloatArray:
+def positions_at(at_m: FloatArray, line_m: FloatArray) -> FloatArray:
     """Places (k, 3) at distances (k,) along an (n, 3) line."""
     reached_m = along_m(line_m)
     return np.column_stack([np.interp(at_m, reached_m, line_m[:, axis]) for axis in range(3)])
@@ -133,8 +133,8 @@ class FlownPath:
     @property
     def distinct(self) -> tuple[Segment, ...]:
         """Every segment once, however often it is repeated."""
-        seen: dict[tuple[object, ...], Segment] = {}
+        first: dict[tuple[object, ...], Segment] = {}
         for segment in self.segments:
             ends = np.round(segment.enu_m[[0, -1]], 3).tobytes()
-            seen.setdefault((segment.items, segment.phase, len(segment.enu_m), ends), segment)
-        return tuple(seen.values())
+            first.setdefault((segment.items, segment.phase, len(segment.enu_m), ends), segment)
+        return tuple(first.values())

@@ -28,7 +28,7 @@ _FREE_FLIGHT: Final = frozenset({42702, 42703})
 
 
 @dataclass(frozen=True, slots=True)
-class _Place:
+class _Position:
     """East, north, and a height above sea level, or above the terrain where ``over_terrain``."""
 
     east_m: float
@@ -67,7 +67,7 @@ class _Flight:
 
     def __init__(self, mission: Mission, world: World, aircraft: Aircraft) -> None:
         self._items, self._world, self._aircraft = mission.items, world, aircraft
-        self._at = _Place(0.0, 0.0, world.home_alt_amsl_m)
+        self._at = _Position(0.0, 0.0, world.home_alt_amsl_m)
         self._number = 0
         self._speed_m_s = aircraft.cruise_speed_m_s
         self._wait_s = 0.0
@@ -110,7 +110,7 @@ class _Flight:
         elif item.command > LAST_NAVIGATION or item.command in (_REGION_OF_INTEREST, _GUIDED_ENABLE):
             self.deeds.append(Deed(number, len(self.segments), self._is_conditional))
             self._is_conditional |= item.command in _CONDITIONS and item.params[0] > 0.0
-        elif item.has_position and self._has_place(item):
+        elif item.has_position and self._has_position(item):
             self._look(number, "meaning", f"command {item.command} is judged as a straight path to its position",
                        "check what the autopilot does at this item", "unknown")  # fmt: skip
             self._go(number, self._target(item), doubt=f"command {item.command}")
@@ -120,10 +120,10 @@ class _Flight:
 
     def end(self, skipped: frozenset[int]) -> None:
         """Note what a whole flight has and this one has not, and the items that it never comes to."""
-        ways = [
+        numbers = [
             n for n, item in enumerate(self._items, 1) if item.command in _COMMANDS and item.command <= LAST_NAVIGATION
         ]
-        missed = [n for n in ways if n not in self._flown and n not in skipped]
+        missed = [n for n in numbers if n not in self._flown and n not in skipped]
         if missed and self.segments:
             which = (
                 f"item {missed[0]} is"
@@ -159,12 +159,9 @@ class _Flight:
     def _spline(self, number: int, item: MissionItem) -> None:
         if self._aircraft.autopilot == "px4" or self._aircraft.has_wings:
             self._look(
-                number,
-                "meaning",
-                "only ArduCopter flies splines; this leg is judged as straight",
-                "use a normal waypoint instead",
-                "look",
-            )
+                number, "meaning", "only ArduCopter flies splines; this leg is judged as straight",
+                "use a normal waypoint instead", "look",
+            )  # fmt: skip
             self._waypoint(number, item)
             return
         self._check_is_up(number)
@@ -188,13 +185,13 @@ class _Flight:
 
     def _takeoff(self, number: int, item: MissionItem) -> None:
         target = self._target(item)
-        top = _Place(self._at.east_m, self._at.north_m, target.height_m, target.over_terrain)
+        top = _Position(self._at.east_m, self._at.north_m, target.height_m, target.over_terrain)
         rises = item.command == Command.NAV_VTOL_TAKEOFF or not self._aircraft.has_wings
         if rises:
             self._go(number, top, phase="take-off")
-            if self._aircraft.autopilot == "px4" and self._has_place(item):
+            if self._aircraft.autopilot == "px4" and self._has_position(item):
                 self._go(number, target)
-        elif self._has_place(item):
+        elif self._has_position(item):
             self._go(number, target, phase="take-off")
         else:
             self._look(number, "meaning", "the mission does not define the direction of this take-off",
@@ -239,10 +236,10 @@ class _Flight:
         home_m = self._world.home_alt_amsl_m
         height_m = home_m + return_height_m(at.height_m - home_m, math.hypot(at.east_m, at.north_m), aircraft)
         if not aircraft.has_wings:
-            self._go(number, _Place(at.east_m, at.north_m, height_m), phase="return")
-        self._go(number, _Place(0.0, 0.0, height_m), phase="return")
+            self._go(number, _Position(at.east_m, at.north_m, height_m), phase="return")
+        self._go(number, _Position(0.0, 0.0, height_m), phase="return")
         if not aircraft.has_wings:
-            self._go(number, _Place(0.0, 0.0, self._world.home_alt_amsl_m), phase="landing")
+            self._go(number, _Position(0.0, 0.0, self._world.home_alt_amsl_m), phase="landing")
         self._is_over = True
 
     def _land(self, number: int, item: MissionItem) -> None:
@@ -252,7 +249,7 @@ class _Flight:
             over = self._in_kind(self._at, over_terrain=self._at.over_terrain, where=target)
             if (over.east_m, over.north_m) != (self._at.east_m, self._at.north_m):
                 self._go(number, over)
-            self._go(number, _Place(target.east_m, target.north_m, ground), phase="landing")
+            self._go(number, _Position(target.east_m, target.north_m, ground), phase="landing")
         else:
             self._go(number, target, phase="landing")
         self._is_over = True
@@ -284,12 +281,9 @@ class _Flight:
         if not self._is_up:
             self._is_up = True
             self._look(
-                number,
-                "take-off",
-                "the mission starts without a take-off",
-                "insert a take-off as the first item",
+                number, "take-off", "the mission starts without a take-off", "insert a take-off as the first item",
                 "look",
-            )
+            )  # fmt: skip
 
     def _circle(
         self,
@@ -307,15 +301,15 @@ class _Flight:
         distance = float(np.hypot(*away))
         edge = center.array[:2] + (away / distance if distance > 0.0 else np.array([0.0, 1.0])) * radius
         height = center.height_m if begin_height_m is None else begin_height_m
-        self._go(number, _Place(float(edge[0]), float(edge[1]), height, center.over_terrain))
+        self._go(number, _Position(float(edge[0]), float(edge[1]), height, center.over_terrain))
         points = circle(
             center.array, radius, self._at.array, turns=turns, end_height_m=center.height_m, clockwise=radius_m >= 0.0
         )
         self._add(number, self._enu(points, center.over_terrain), wait_s=wait_s, is_straight=False)
         east, north, height = (float(value) for value in points[-1])
-        self._at, self._vector_m = _Place(east, north, height, center.over_terrain), None
+        self._at, self._vector_m = _Position(east, north, height, center.over_terrain), None
 
-    def _go(self, number: int, to: _Place, *, phase: Phase = "route", wait_s: float = 0.0, doubt: str = "") -> None:
+    def _go(self, number: int, to: _Position, *, phase: Phase = "route", wait_s: float = 0.0, doubt: str = "") -> None:
         begin = self._in_kind(self._at, over_terrain=to.over_terrain)
         step_m = PATH.terrain_step_m if to.over_terrain else PATH.leg_step_m
         points = straight(begin.array, to.array, step_m=step_m)
@@ -343,35 +337,35 @@ class _Flight:
         make = self._world.above_ground if over_terrain else self._world.at_alts
         return make(points[:, :2], points[:, 2])
 
-    def _in_kind(self, place: _Place, *, over_terrain: bool, where: _Place | None = None) -> _Place:
+    def _in_kind(self, position: _Position, *, over_terrain: bool, where: _Position | None = None) -> _Position:
         """A place with its height in another kind, and perhaps with the position of another one."""
-        height = place.height_m
-        if place.over_terrain != over_terrain:
-            en = [[place.east_m, place.north_m]]
+        height = position.height_m
+        if position.over_terrain != over_terrain:
+            en = [[position.east_m, position.north_m]]
             if over_terrain:
                 height = float(self._world.ground.heights_agl_m(self._world.at_alts(en, height))[0])
             else:
                 height = float(self._world.alts_amsl_m(self._world.above_ground(en, height))[0])
-        at = place if where is None else where
-        return _Place(at.east_m, at.north_m, height, over_terrain)
+        at = position if where is None else where
+        return _Position(at.east_m, at.north_m, height, over_terrain)
 
-    def _has_place(self, item: MissionItem) -> bool:
+    def _has_position(self, item: MissionItem) -> bool:
         finite = math.isfinite(item.lat_deg) and math.isfinite(item.lon_deg)
         return finite and not (item.lat_deg == 0.0 and item.lon_deg == 0.0)
 
-    def _target(self, item: MissionItem, *, after: _Place | None = None) -> _Place:
+    def _target(self, item: MissionItem, *, after: _Position | None = None) -> _Position:
         """Position of an item. Zeros and NaN mean what was there before (ArduPilot, ModeAuto::loc_from_cmd)."""
         before = self._at if after is None else after
         east, north = before.east_m, before.north_m
-        if item.has_position and self._has_place(item):
-            east, north = self._world.place(item.lat_deg, item.lon_deg)
+        if item.has_position and self._has_position(item):
+            east, north = self._world.position(item.lat_deg, item.lon_deg)
         over_terrain = item.frame is Frame.ABOVE_TERRAIN
         keeps = math.isnan(item.alt_m) or not item.has_position
         keeps |= item.alt_m == 0.0 and self._aircraft.autopilot == "ardupilot" and item.command not in _LANDINGS
         if keeps:
-            return self._in_kind(before, over_terrain=before.over_terrain, where=_Place(east, north, 0.0))
+            return self._in_kind(before, over_terrain=before.over_terrain, where=_Position(east, north, 0.0))
         base = self._world.home_alt_amsl_m if item.frame is Frame.ABOVE_HOME else 0.0
-        return _Place(east, north, base + item.alt_m, over_terrain)
+        return _Position(east, north, base + item.alt_m, over_terrain)
 
     def _look(self, number: int, kind: str, what: str, do: str, weight: Literal["look", "unknown"]) -> None:
         found = CheckFinding(kind=kind, weight=weight, items=(number, number), what=what, do=do)

@@ -43,7 +43,7 @@ OTHER_DATA = (
 
 
 @dataclass(frozen=True, slots=True)
-class MissionPlaces:
+class MissionPositions:
     """Positions of a mission."""
 
     home: GeoPoint | None  # on the ground; None if unknown, and nothing can be judged
@@ -56,7 +56,7 @@ def believed(_lat_deg: float, _lon_deg: float) -> str:
     return ""
 
 
-def places_of(
+def positions_of(
     mission: Mission,  # whose places
     heights: Heights,  # of the ground
     autopilot: AutopilotName,  # PX4 flies to 0, 0; ArduPilot stays where it is
@@ -64,33 +64,33 @@ def places_of(
     # latitude and longitude of the take-off position; None: the mission's, or its first place
     home: tuple[float, float] | None = None,
     doubt: Doubt = believed,  # why heights are missing that the elevation data has
-) -> MissionPlaces:
+) -> MissionPositions:
     """Check home and the positions of the items."""
     findings: list[CheckFinding] = []
     numbers = [
-        n for n, item in enumerate(mission.items, 1) if item.has_position and _is_place(item.lat_deg, item.lon_deg)
+        n for n, item in enumerate(mission.items, 1) if item.has_position and _is_position(item.lat_deg, item.lon_deg)
     ]
     lat = np.array([mission.items[n - 1].lat_deg for n in numbers])
     lon = np.array([mission.items[n - 1].lon_deg for n in numbers])
     ground = _heights(heights, lat, lon)
-    at = _home_place(mission, home, lat, lon, findings)
+    at = _home_position(mission, home, lat, lon, findings)
     if at is None:
         what, do = "no mission item has a position", "use a mission that contains waypoints"
         findings.append(CheckFinding(kind="place", weight="unknown", what=what, do=do))
-        return MissionPlaces(None, frozenset(), tuple(findings))
+        return MissionPositions(None, frozenset(), tuple(findings))
     height = float(_heights(heights, np.array([at[0]]), np.array([at[1]]))[0])
     if not math.isfinite(height) and (why := doubt(*at)):
         what = f"home, the reference of the heights, is on {why}"
         findings.append(_at("suspect-ground", "unknown", 0, at, what=what, do=OTHER_DATA))
-        return MissionPlaces(None, frozenset(), tuple(findings))
+        return MissionPositions(None, frozenset(), tuple(findings))
     if not math.isfinite(height):
         findings.append(_home_elsewhere(at, heights, known=bool(np.isfinite(ground).any())))
-        return MissionPlaces(None, frozenset(), tuple(findings))
+        return MissionPositions(None, frozenset(), tuple(findings))
     if home is None and mission.home is not None and at == (mission.home.lat_deg, mission.home.lon_deg):
         _compare_home(mission.home.alt_amsl_m, at, height, findings)
     skipped = _far_items(at, heights, dict(zip(numbers, zip(lat, lon, ground, strict=True), strict=True)), findings)
     _zeros(mission, autopilot, findings)
-    return MissionPlaces(GeoPoint(at[0], at[1], height), frozenset(skipped), tuple(findings))
+    return MissionPositions(GeoPoint(at[0], at[1], height), frozenset(skipped), tuple(findings))
 
 
 def _at(
@@ -100,7 +100,7 @@ def _at(
     return CheckFinding(kind=kind, weight=weight, items=(number, number), lat_deg=lat, lon_deg=lon, what=what, do=do)
 
 
-def _is_place(lat_deg: float, lon_deg: float) -> bool:
+def _is_position(lat_deg: float, lon_deg: float) -> bool:
     return math.isfinite(lat_deg) and math.isfinite(lon_deg) and (lat_deg, lon_deg) != (0.0, 0.0)
 
 
@@ -117,12 +117,12 @@ def _heights(heights: Heights, lat: FloatArray, lon: FloatArray) -> FloatArray:
     return out
 
 
-def _home_place(
+def _home_position(
     mission: Mission, home: tuple[float, float] | None, lat: FloatArray, lon: FloatArray, findings: list[CheckFinding]
 ) -> tuple[float, float] | None:
     if home is not None:
         return home
-    if mission.home is not None and _is_place(mission.home.lat_deg, mission.home.lon_deg):
+    if mission.home is not None and _is_position(mission.home.lat_deg, mission.home.lon_deg):
         return mission.home.lat_deg, mission.home.lon_deg
     if not len(lat):
         return None
@@ -193,7 +193,7 @@ _ARDUPILOT_TURNS, _ARDUPILOT_RADIUS_M, _ARDUPILOT_WAIT_S = 255.0, 2550.0, 65_535
 _TIMED: Final = (Command.NAV_WAYPOINT, Command.NAV_SPLINE_WAYPOINT, Command.NAV_LOITER_TIME)
 _CIRCLES: Final = (Command.NAV_LOITER_UNLIM, Command.NAV_LOITER_TURNS, Command.NAV_LOITER_TIME)
 _TAKEOFFS: Final = (Command.NAV_TAKEOFF, Command.NAV_VTOL_TAKEOFF)
-_PLACES: Final = (
+_POSITIONS: Final = (
     *_CIRCLES, *_TAKEOFFS, Command.NAV_WAYPOINT, Command.NAV_SPLINE_WAYPOINT, Command.NAV_LOITER_TO_ALT, Command.NAV_LAND,
     Command.NAV_VTOL_LAND,
 )  # fmt: skip
@@ -249,7 +249,7 @@ def value_findings(mission: Mission, aircraft: Aircraft, home: GeoPoint | None) 
                 problems.append(
                     ("breaks", "this is a second DO_LAND_START, which PX4 refuses", "keep only one of them")
                 )
-        if aircraft.autopilot == "px4" and not item.autocontinue and item.command in _PLACES:
+        if aircraft.autopilot == "px4" and not item.autocontinue and item.command in _POSITIONS:
             what = "the mission does not continue automatically after this item (autocontinue 0)"
             problems.append(("look", what, "set autocontinue to 1, or fly with a pilot at the controls"))
         found += [
@@ -261,7 +261,7 @@ def value_findings(mission: Mission, aircraft: Aircraft, home: GeoPoint | None) 
 
 def _frames(item: MissionItem) -> Iterator[_Problem]:
     """A place in the frame of items without a place."""
-    if item.frame is not Frame.COMMAND or item.command not in _PLACES:
+    if item.frame is not Frame.COMMAND or item.command not in _POSITIONS:
         return
     if (item.lat_deg, item.lon_deg) != (0.0, 0.0) or (item.command in _TAKEOFFS and item.alt_m != 0.0):
         what = "frame 2 is for items without a position; ArduPilot interprets this height as above sea level"
@@ -289,10 +289,9 @@ def _circles(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
         yield "breaks", what, "use a number of turns above 0; a negative radius circles to the left"
     elif turns == 0.0:
         yield (
-            "look",
-            "0 turns: the vehicle flies to the circle and continues",
+            "look", "0 turns: the vehicle flies to the circle and continues",
             "specify the number of turns, or use a waypoint",
-        )
+        )  # fmt: skip
     elif aircraft.autopilot == "ardupilot" and turns > _ARDUPILOT_TURNS:
         yield (
             "breaks",

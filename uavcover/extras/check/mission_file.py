@@ -153,8 +153,8 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
             found += entries
             for note in notes:
                 user.say(note)
-        asked = query.flight_window_utc
-        window = None if asked is None else window_of(*asked, "--at")
+        requested = query.flight_window_utc
+        window = None if requested is None else window_of(*requested, "--at")
         counting = [zone for zone in found if zone.in_force(window)]
         timed = sum(zone.has_times for zone in counting)
         if len(counting) < len(found):

@@ -13,7 +13,7 @@ from uavcover.errors import InputError
 from uavcover.extras.check.check import Checked
 from uavcover.extras.check.findings import CheckFinding
 from uavcover.extras.check.flown_path import CONDITIONAL, DO_IT_AT_ONCE
-from uavcover.extras.check.planned_pictures import PlannedPictures, Series, planned_pictures
+from uavcover.extras.check.planned_photos import PlannedPhotos, Series, planned_photos
 from uavcover.extras.check.tuning import PATH
 from uavcover.extras.check.world import Aircraft, World
 from uavcover.kernels.arrays import BoolArray
@@ -28,14 +28,14 @@ from uavcover.new.quantities import overlaps
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.pictures import (
+from uavcover.sensing.photos import (
     OVERLAP_FRACTION,
-    PictureCounts,
+    PhotoCounts,
     camera_axes,
-    count_pictures,
+    count_photos,
     drawn_cells,
     overlap_fraction,
-    pictures_asked,
+    photos_required,
 )
 from uavcover.sensing.site_maps import judging_map
 from uavcover.terrain.frames import Bounds, LocalFrame
@@ -66,8 +66,8 @@ class MissionView:
     document: dict[str, Any]  # figures for programs
     lines: tuple[str, ...]  # the same as text
     findings: tuple[CheckFinding, ...]  # what lacks
-    unseen_m: shapely.MultiPolygon  # (east, north) metres of what no photo shows
-    pictures: PlannedPictures  # where they are taken
+    unobserved_m: shapely.MultiPolygon  # (east, north) metres of what no photo shows
+    photos: PlannedPhotos  # where they are taken
 
 
 def planned_view(
@@ -86,17 +86,17 @@ def planned_view(
         return None
     camera = CAMERAS.named(query.camera)
     area = read_area(query.area)
-    pictures = planned_pictures(
+    photos = planned_photos(
         mission, checked.path, checked.world, aircraft, pitch_deg=query.pitch_deg, always=query.always
     )
-    coverage = _map(query, camera, area.parts, checked.world, pictures, read_ground)
-    axes, tops = camera_axes(pictures.yaw_deg, pictures.pitch_deg, np.zeros(len(pictures.yaw_deg)))
-    poses = SensorPoses(pictures.places_m, axes, tops, np.arange(len(axes), dtype=float))
-    counts = count_pictures(coverage, poses)
-    seen = counts.pictures > 0
+    coverage = _map(query, camera, area.parts, checked.world, photos, read_ground)
+    axes, tops = camera_axes(photos.yaw_deg, photos.pitch_deg, np.zeros(len(photos.yaw_deg)))
+    poses = SensorPoses(photos.positions_m, axes, tops, np.arange(len(axes), dtype=float))
+    counts = count_photos(coverage, poses)
+    observed = counts.photos > 0
     if query.gsd_m is not None:
-        seen &= counts.ground_sample_m <= query.gsd_m
-    return _view(query, camera, coverage, counts, pictures, seen)
+        observed &= counts.ground_sample_m <= query.gsd_m
+    return _view(query, camera, coverage, counts, photos, observed)
 
 
 def _map(
@@ -104,7 +104,7 @@ def _map(
     camera: CameraBody,
     parts: tuple[Rings, ...],
     world: World,
-    pictures: PlannedPictures,
+    photos: PlannedPhotos,
     read_ground: GroundReader,
 ) -> CoverageMap:
     """The area's cells in the mission's frame, with the ground under area and photos."""
@@ -118,14 +118,14 @@ def _map(
     if away_m > 50_000.0:
         raise InputError(f"--area: the area is {away_m / 1000.0:.0f} km from home; are latitude and longitude swapped?")
     cell_m = round(max(math.sqrt(outline.area / PATH.cells), PATH.finest_cell_m), 1)
-    west, south, east, north = shapely.union_all([outline, shapely.MultiPoint(pictures.places_m[:, :2])]).bounds
+    west, south, east, north = shapely.union_all([outline, shapely.MultiPoint(photos.positions_m[:, :2])]).bounds
     around_m = PATH.view_around_m
     bounds = (west - around_m, south - around_m, east + around_m, north + around_m)
     ground, bare = read_ground(world.frame, bounds)
     forward, side = (None, 0.0) if query.overlap is None else overlaps(query.overlap)
     sensor = FrameCamera(
         kind="frame-camera", fov_across_deg=camera.fov_across_deg, fov_along_deg=camera.fov_along_deg,
-        range_m=_range_m(camera, pictures, bare or ground), max_incidence_deg=PATH.most_oblique_deg, mount="stabilised",
+        range_m=_range_m(camera, photos, bare or ground), max_incidence_deg=PATH.most_oblique_deg, mount="stabilised",
         pixels_across=camera.pixels_across, forward_overlap=forward, side_overlap=side,
     )  # fmt: skip
     scenario = Scenario(
@@ -139,14 +139,14 @@ def _map(
     return judging_map(Site(scenario, world.frame, ground, outline, shapely.box(*bounds), None, ground_model=bare))
 
 
-def _range_m(camera: CameraBody, pictures: PlannedPictures, ground: Ground) -> float:
+def _range_m(camera: CameraBody, photos: PlannedPhotos, ground: Ground) -> float:
     """Largest distance of any photo's farthest corner from the camera, over ground as low as any."""
-    if not len(pictures.places_m):
+    if not len(photos.positions_m):
         return 100.0
-    highest_m = float(pictures.places_m[:, 2].max() - np.nanmin(ground.surface.up_m))
+    highest_m = float(photos.positions_m[:, 2].max() - np.nanmin(ground.surface.up_m))
     half_angles = (0.5 * camera.fov_across_deg, 0.5 * camera.fov_along_deg)
     corner_deg = math.degrees(math.atan(math.hypot(*(math.tan(math.radians(each)) for each in half_angles))))
-    lean_deg = min(float(np.max(90.0 + pictures.pitch_deg)) + corner_deg, PATH.most_oblique_deg)
+    lean_deg = min(float(np.max(90.0 + photos.pitch_deg)) + corner_deg, PATH.most_oblique_deg)
     return max(20.0, highest_m / math.cos(math.radians(lean_deg)))
 
 
@@ -154,35 +154,35 @@ def _view(
     query: ViewQuery,
     camera: CameraBody,
     coverage: CoverageMap,
-    counts: PictureCounts,
-    pictures: PlannedPictures,
-    seen: BoolArray,
+    counts: PhotoCounts,
+    photos: PlannedPhotos,
+    observed: BoolArray,
 ) -> MissionView:
     drawn, weight = drawn_cells(coverage), coverage.grid.weight_m2
     hidden_m2 = coverage.grid.hidden_m2
     area_m2 = float(weight[drawn].sum()) + hidden_m2
-    share = float(weight[drawn & seen].sum() / area_m2) if drawn.any() else 0.0
-    number = counts.pictures[drawn]
-    sample_m = counts.ground_sample_m[drawn & (counts.pictures > 0)]
+    fraction = float(weight[drawn & observed].sum() / area_m2) if drawn.any() else 0.0
+    number = counts.photos[drawn]
+    sample_m = counts.ground_sample_m[drawn & (counts.photos > 0)]
     sample_m = sample_m[np.isfinite(sample_m)]
-    asked = None if query.overlap is None else pictures_asked(coverage.site.scenario.sensor)
-    enough = None if asked is None else overlap_fraction(coverage, counts)
+    required = None if query.overlap is None else photos_required(coverage.site.scenario.sensor)
+    enough = None if required is None else overlap_fraction(coverage, counts)
     document = {
         "camera": camera.name, "pictures": counts.taken, "area_m2": area_m2, "hidden_m2": hidden_m2,
         "cell_size_m": coverage.site.scenario.area.cell_size_m,
-        "coverage_fraction": share, "unseen_m2": float(weight[drawn & ~seen].sum()) + hidden_m2,
+        "coverage_fraction": fraction, "unseen_m2": float(weight[drawn & ~observed].sum()) + hidden_m2,
         "pictures_fewest": int(number.min(initial=np.iinfo(np.int32).max)) if number.size else 0,
         "pictures_median": float(np.median(number)) if number.size else 0.0,
         "ground_sample_median_m": float(np.median(sample_m)) if sample_m.size else None,
         "ground_sample_p95_m": float(np.percentile(sample_m, 95.0)) if sample_m.size else None,
-        "pictures_asked": asked, "overlap_fraction": enough,
+        "pictures_asked": required, "overlap_fraction": enough,
         "overlap_holds": None if enough is None else enough >= OVERLAP_FRACTION,
-        "notes": list(pictures.notes),
+        "notes": list(photos.notes),
     }  # fmt: skip
-    unseen = np.flatnonzero(drawn & ~seen)
-    outline = cells_outline(coverage, unseen) if len(unseen) else shapely.MultiPolygon()
-    findings = _findings(query, camera, document, pictures, outline, coverage.site.frame)
-    return MissionView(document, _lines(document), tuple(findings), outline, pictures)
+    unobserved = np.flatnonzero(drawn & ~observed)
+    outline = cells_outline(coverage, unobserved) if len(unobserved) else shapely.MultiPolygon()
+    findings = _findings(query, camera, document, photos, outline, coverage.site.frame)
+    return MissionView(document, _lines(document), tuple(findings), outline, photos)
 
 
 def _lines(document: dict[str, Any]) -> tuple[str, ...]:
@@ -210,7 +210,7 @@ def _lines(document: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _findings(
-    query: ViewQuery, camera: CameraBody, document: dict[str, Any], pictures: PlannedPictures, unseen: shapely.MultiPolygon,
+    query: ViewQuery, camera: CameraBody, document: dict[str, Any], photos: PlannedPhotos, unobserved: shapely.MultiPolygon,
     frame: LocalFrame | None,
 ) -> list[CheckFinding]:  # fmt: skip
     found = []
@@ -218,7 +218,7 @@ def _findings(
         what = "no item of the mission takes a photo"
         do = "insert camera items, or specify the camera's own interval with --picture-every"
         found.append(CheckFinding(kind="pictures", weight="breaks", what=what, do=do))
-    if numbers := pictures.conditional:
+    if numbers := photos.conditional:
         ends = min(numbers), max(numbers)
         found.append(CheckFinding(kind="pictures", weight="unknown", items=ends, what=CONDITIONAL, do=DO_IT_AT_ONCE))
     if query.coverage is not None and document["coverage_fraction"] < query.coverage:
@@ -226,8 +226,8 @@ def _findings(
         what = f"{would} of the area would be covered; {100.0 * query.coverage:g} % is required"
         do = "add swaths over the missing areas (see --map)"
         one = CheckFinding(kind="coverage", weight="breaks", what=what, do=do)
-        if frame is not None and not unseen.is_empty:
-            widest = max(unseen.geoms, key=lambda part: part.area).representative_point()
+        if frame is not None and not unobserved.is_empty:
+            widest = max(unobserved.geoms, key=lambda part: part.area).representative_point()
             lat, lon, _ = frame.geodetic_from_enu(np.array([[widest.x, widest.y, 0.0]]))
             one = replace(one, lat_deg=float(lat[0]), lon_deg=float(lon[0]))
         found.append(one)
@@ -239,9 +239,9 @@ def _findings(
         )
         do = "fly swaths closer together, or take photos more often"
         found.append(CheckFinding(kind="overlap", weight="breaks", what=what, do=do))
-    if camera.min_interval_s is not None and pictures.least_gap_s < camera.min_interval_s - 1e-6:
-        items, short_s = (pictures.least_gap_item,) * 2, camera.min_interval_s - pictures.least_gap_s
-        what = f"a photo every {pictures.least_gap_s:.2f} s, but {camera.name} needs {camera.min_interval_s:g} s between photos"
+    if camera.min_interval_s is not None and photos.least_gap_s < camera.min_interval_s - 1e-6:
+        items, short_s = (photos.least_gap_item,) * 2, camera.min_interval_s - photos.least_gap_s
+        what = f"a photo every {photos.least_gap_s:.2f} s, but {camera.name} needs {camera.min_interval_s:g} s between photos"
         do = "fly slower, or take fewer photos"
         found.append(
             CheckFinding(kind="pictures", weight="breaks", items=items, by=short_s, unit="s", what=what, do=do)

@@ -24,7 +24,7 @@ from mission_io.model.items import (
 )
 from uavcover.errors import InputError, OutputError
 from uavcover.extras.check.check import Checked
-from uavcover.extras.check.clearance_checks import place_of
+from uavcover.extras.check.clearance_checks import position_of
 from uavcover.extras.check.findings import FlownPath, Segment
 from uavcover.extras.check.flown_path import flown_path
 from uavcover.extras.check.mission_file import CheckQuery, aircraft_of, read_mission_file
@@ -68,25 +68,25 @@ def parts_of(
     """
     first, last = _refuse_what_is_not_plain(mission, aircraft)
     _refuse_another_landing(mission, world)
-    ways = mission.items[first:last]
-    places = [k for k, item in enumerate(ways) if item.command == Command.NAV_WAYPOINT]
+    items = mission.items[first:last]
+    positions = [k for k, item in enumerate(items) if item.command == Command.NAV_WAYPOINT]
     parts, begin = [], 0
     while True:
-        held = _held(mission.items[: first + places[begin]])
-        head = _way_there(mission, ways[places[begin]], held, world, limits)
-        around = len(head) + len(_way_home(mission, ways[places[begin]], world, limits))
+        held = _held(mission.items[: first + positions[begin]])
+        head = _outbound_items(mission, items[positions[begin]], held, world, limits)
+        around = len(head) + len(_return_items(mission, items[positions[begin]], world, limits))
         # What takes photos is switched on again at the first waypoint, and off before the way home.
         room = most_items - around - sum(one.command in _TRIGGERS for one in held) - len(_TRIGGERS)
         end = begin
-        while end + 1 < len(places) and places[end + 1] - places[begin] + 1 <= room:
+        while end + 1 < len(positions) and positions[end + 1] - positions[begin] + 1 <= room:
             end += 1
-        rest = len(ways) - places[begin]
-        is_last = end + 1 == len(places) and rest <= room
-        body = ways[places[begin] :] if is_last else ways[places[begin] : places[end] + 1]
+        rest = len(items) - positions[begin]
+        is_last = end + 1 == len(positions) and rest <= room
+        body = items[positions[begin] :] if is_last else items[positions[begin] : positions[end] + 1]
         if len(body) > room or (end == begin and len(body) < rest):
             raise InputError(f"--max-items: {most_items} items are too few for take-off, a leg and both transits")
         tail = [_stop(one) for one in _held((*held, *body)) if one.command in _TRIGGERS]
-        home = _way_home(mission, ways[places[end]], world, limits)
+        home = _return_items(mission, items[positions[end]], world, limits)
         triggers = [one for one in held if one.command in _TRIGGERS]
         parts.append(dataclasses.replace(mission, items=(*head, body[0], *triggers, *body[1:], *tail, *home)))
         if len(body) == rest:
@@ -110,11 +110,11 @@ def _refuse_what_is_not_plain(mission: Mission, aircraft: Aircraft) -> tuple[int
         raise refuse(last + 2, "follows the end of the mission")
     for number, item in enumerate(mission.items[:last], 1):
         if item.command == Command.NAV_WAYPOINT:
-            has_place = math.isfinite(item.lat_deg + item.lon_deg + item.alt_m) and (item.lat_deg, item.lon_deg) != (
+            has_position = math.isfinite(item.lat_deg + item.lon_deg + item.alt_m) and (item.lat_deg, item.lon_deg) != (
                 0.0,
                 0.0,
             )
-            if number <= takeoffs[0] or not has_place or item.alt_m == 0.0:
+            if number <= takeoffs[0] or not has_position or item.alt_m == 0.0:
                 raise refuse(number, "is a waypoint before take-off, or has no position and height of its own")
         elif item.command not in (*_TRIGGERS, *_KEPT, *_ONCE, *_STOPS, Command.NAV_TAKEOFF, Command.NAV_DELAY):
             raise refuse(number, f"has the unsupported command {int(item.command)}")
@@ -128,10 +128,10 @@ def _refuse_another_landing(mission: Mission, world: World) -> None:
     landing = next((item for item in mission.items if item.command == Command.NAV_LAND), None)
     if landing is None:
         return
-    place = landing
+    position = landing
     if (landing.lat_deg, landing.lon_deg) == (0.0, 0.0):
-        place = [item for item in mission.items if item.command == Command.NAV_WAYPOINT][-1]
-    if math.hypot(*world.place(place.lat_deg, place.lon_deg)) > REPAIR.at_home_m:
+        position = [item for item in mission.items if item.command == Command.NAV_WAYPOINT][-1]
+    if math.hypot(*world.position(position.lat_deg, position.lon_deg)) > REPAIR.at_home_m:
         raise InputError("--fix: the mission does not land at home, so uavcover cannot split it; split it manually")
 
 
@@ -163,7 +163,7 @@ def _stop(trigger: MissionItem) -> MissionItem:
 
 def _over_m(point: MissionItem, world: World, limits: Limits) -> float:
     """Height above home at which the straight path between home and a waypoint keeps the least height, not below the waypoint."""
-    east, north = world.place(point.lat_deg, point.lon_deg)
+    east, north = world.position(point.lat_deg, point.lon_deg)
     pieces = max(1, math.ceil(math.hypot(east, north) / CHECKS.return_line_piece_m))
     t = np.linspace(0.0, 1.0, pieces + 1)[:, None]
     line = world.at_alts(t * np.array([east, north]), world.home_alt_amsl_m)
@@ -181,11 +181,11 @@ def _above_home_m(point: MissionItem, world: World) -> float:
         return point.alt_m
     if point.frame is Frame.AMSL:
         return point.alt_m - world.home_alt_amsl_m
-    place = world.above_ground([world.place(point.lat_deg, point.lon_deg)], point.alt_m)
-    return float(world.alts_amsl_m(place)[0]) - world.home_alt_amsl_m
+    position = world.above_ground([world.position(point.lat_deg, point.lon_deg)], point.alt_m)
+    return float(world.alts_amsl_m(position)[0]) - world.home_alt_amsl_m
 
 
-def _way_there(
+def _outbound_items(
     mission: Mission, point: MissionItem, held: list[MissionItem], world: World, limits: Limits
 ) -> list[MissionItem]:
     """Take-off, what holds at the first waypoint but photos, and the place over it."""
@@ -196,12 +196,12 @@ def _way_there(
     return [up, *(one for one in held if one.command not in _TRIGGERS), over]
 
 
-def _way_home(mission: Mission, end: MissionItem, world: World, limits: Limits) -> list[MissionItem]:
+def _return_items(mission: Mission, end: MissionItem, world: World, limits: Limits) -> list[MissionItem]:
     if not any(item.command == Command.NAV_LAND for item in mission.items):
         return [return_to_launch()]
     over_m = _over_m(end, world, limits)
     home = world.frame.lat_deg, world.frame.lon_deg
-    legs = [waypoint(*place, over_m, frame=Frame.ABOVE_HOME) for place in ((end.lat_deg, end.lon_deg), home)]
+    legs = [waypoint(*position, over_m, frame=Frame.ABOVE_HOME) for position in ((end.lat_deg, end.lon_deg), home)]
     return [*legs, land(*home, frame=Frame.ABOVE_HOME)]
 
 
@@ -223,7 +223,7 @@ class _Low:
 
     segment: Segment
     short_m: float
-    place_m: FloatArray
+    position_m: FloatArray
 
 
 def repaired(mission: Mission, world: World, limits: Limits, fly: Fly) -> Repaired:
@@ -265,7 +265,7 @@ def _lowest(path: FlownPath, world: World, limits: Limits) -> list[_Low]:
         piece = int(np.argmin(ranges[:, 0]))
         short_m = limits.min_height_agl_m - float(ranges[piece, 0])
         if short_m > CHECKS.clearance_tolerance_m:
-            found.append(_Low(segment, short_m + REPAIR.spare_m, place_of(segment, piece, float(ranges[piece, 1]))))
+            found.append(_Low(segment, short_m + REPAIR.spare_m, position_of(segment, piece, float(ranges[piece, 1]))))
     return found
 
 
@@ -281,7 +281,7 @@ def _is_plain(mission: Mission, number: int) -> bool:
 def _to_raise(leg: _Low, mission: Mission) -> int | None:
     """The waypoint at or beside which a leg is lowest, if it may be raised."""
     for end, number in ((-1, leg.segment.items[1]), (0, leg.segment.items[0])):
-        if math.hypot(*(leg.place_m - leg.segment.enu_m[end])[:2]) < REPAIR.near_m and _is_plain(mission, number):
+        if math.hypot(*(leg.position_m - leg.segment.enu_m[end])[:2]) < REPAIR.near_m and _is_plain(mission, number):
             return number
     return None
 
@@ -303,7 +303,7 @@ def _with_raised(mission: Mission, rises: Mapping[int, float]) -> Mission:
 
 
 def _over(leg: _Low, like: MissionItem, world: World) -> MissionItem:
-    lat, lon, alt = world.geodetic(leg.place_m)
+    lat, lon, alt = world.geodetic(leg.position_m)
     base = world.home_alt_amsl_m if like.frame is Frame.ABOVE_HOME else 0.0
     params = (0.0, *like.params[1:])
     return dataclasses.replace(

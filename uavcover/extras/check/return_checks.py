@@ -9,7 +9,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from mission_io.model.items import Command, Frame, FramedPoint, Mission
-from uavcover.extras.check.findings import CheckFinding, FlownPath, Segment, Weight, along_m, places_at
+from uavcover.extras.check.findings import CheckFinding, FlownPath, Segment, Weight, along_m, positions_at
 from uavcover.extras.check.tuning import CHECKS
 from uavcover.extras.check.world import Aircraft, Limits, LocalFence, Surroundings, World, default_aircraft
 from uavcover.kernels.arrays import FloatArray, IntArray
@@ -45,7 +45,7 @@ def return_findings(
     mission: Mission, path: FlownPath, world: World, limits: Limits, aircraft: Aircraft, around: Surroundings, own: OwnReturn,
 ) -> list[CheckFinding]:  # fmt: skip
     """Parts of the path from which the autopilot's own return exceeds a limit, and rally points that do."""
-    rally_m = _rally_places(own.rally, world, aircraft)
+    rally_m = _rally_positions(own.rally, world, aircraft)
     fence = allowed_area(around.fence)
     found = rally_findings(own.rally, rally_m, world, limits, fence)
     segments = [segment for segment in path.distinct if segment.phase == "route" and len(segment.known_m)]
@@ -78,7 +78,7 @@ def return_findings(
 
 def _states(segments: Sequence[Segment], world: World) -> FlightStates:
     """A moment every second along all segments."""
-    places, velocities, times, legs, ahead = [], [], [], [], []
+    positions, velocities, times, legs, ahead = [], [], [], [], []
     now = 0.0
     for number, segment in enumerate(segments):
         line = segment.known_m
@@ -86,16 +86,16 @@ def _states(segments: Sequence[Segment], world: World) -> FlightStates:
         speed = max(segment.speed_m_s, 0.1)
         count = max(1, math.ceil(length_m / min(CHECKS.return_step_m, speed * CHECKS.return_step_s)))
         at = np.linspace(0.0, length_m, count + 1)
-        here = places_at(at, line)
-        way = np.gradient(here[:, :2], axis=0)
-        length = np.maximum(np.hypot(*way.T), 1e-9)[:, None]
-        places.append(here)
-        velocities.append(np.where(length > 1e-6, way / length * speed, 0.0))
+        here = positions_at(at, line)
+        offset = np.gradient(here[:, :2], axis=0)
+        length = np.maximum(np.hypot(*offset.T), 1e-9)[:, None]
+        positions.append(here)
+        velocities.append(np.where(length > 1e-6, offset / length * speed, 0.0))
         times.append(now + at / speed)
         ahead.append(np.maximum(0.0, length_m - at))
         legs.append(np.full(len(here), number))
         now += length_m / speed + segment.wait_s
-    enu = np.vstack(places)
+    enu = np.vstack(positions)
     return FlightStates(
         np.column_stack([enu[:, :2], world.alts_amsl_m(enu)]), np.vstack(velocities), np.concatenate(times),
         np.concatenate(legs), np.concatenate(ahead),
@@ -156,7 +156,7 @@ def _finding(
     return CheckFinding(
         kind=_KINDS.get(one.danger, "return"), weight=weight, items=(first, last), by=max(by, 0.0), unit="m",
         what=f"{one.what} after {one.begin_s:.0f} to {one.end_s:.0f} s of the route; return: {why}{assumed}", do=do,
-    ).at(world.geodetic(one.place_m))  # fmt: skip
+    ).at(world.geodetic(one.position_m))  # fmt: skip
 
 
 def allowed_area(fence: LocalFence) -> shapely.Geometry | None:
@@ -172,11 +172,11 @@ def allowed_area(fence: LocalFence) -> shapely.Geometry | None:
     return area.difference(shapely.union_all(outside)) if outside else area
 
 
-def _rally_places(rally: Sequence[FramedPoint], world: World, aircraft: Aircraft) -> FloatArray:
+def _rally_positions(rally: Sequence[FramedPoint], world: World, aircraft: Aircraft) -> FloatArray:
     """(r, 3) east, north, height above sea level; NaN for one that the autopilot does not take."""
-    places = np.full((len(rally), 3), np.nan)
+    positions = np.full((len(rally), 3), np.nan)
     for k, point in enumerate(rally):
-        en = world.place(point.lat_deg, point.lon_deg)
+        en = world.position(point.lat_deg, point.lon_deg)
         if point.frame is Frame.AMSL:
             up = point.alt_m
         elif point.frame is Frame.ABOVE_TERRAIN:
@@ -184,8 +184,8 @@ def _rally_places(rally: Sequence[FramedPoint], world: World, aircraft: Aircraft
             up = float(ground) + point.alt_m if aircraft.autopilot == "ardupilot" else math.nan
         else:
             up = world.home_alt_amsl_m + point.alt_m
-        places[k] = (*en, up)
-    return places
+        positions[k] = (*en, up)
+    return positions
 
 
 def rally_findings(
@@ -228,7 +228,7 @@ def rally_findings(
     return found
 
 
-def places_along(segment: Segment) -> FloatArray:
+def positions_along(segment: Segment) -> FloatArray:
     """(n, 3) positions of a segment, ``CHECKS.return_line_step_m`` apart or nearer."""
     line = segment.known_m
     if len(line) < 2:
@@ -236,7 +236,7 @@ def places_along(segment: Segment) -> FloatArray:
     reached = along_m(line)
     count = max(1, math.ceil(reached[-1] / CHECKS.return_line_step_m))
     at = np.union1d(np.linspace(0.0, reached[-1], count + 1), reached if len(line) <= 3 else reached[[0, -1]])
-    return places_at(at, line)
+    return positions_at(at, line)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -277,5 +277,5 @@ def lowest_of(world: World, lines: Lines) -> tuple[float, FloatArray, int]:
     if not np.isfinite(ranges[:, 0]).any():
         return math.inf, np.zeros(3), 0
     k = int(np.nanargmin(ranges[:, 0]))
-    place = points[k] + ranges[k, 1] * (points[k + 1] - points[k])
-    return float(ranges[k, 0]), place, int(lines.owner[k])
+    position = points[k] + ranges[k, 1] * (points[k + 1] - points[k])
+    return float(ranges[k, 0]), position, int(lines.owner[k])

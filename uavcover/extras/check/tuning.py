@@ -25,7 +25,7 @@ class _Path:
     max_steps: int
     home_difference_m: float
     near_deg: float
-    most_pictures: int
+    most_photos: int
     cells: int
     finest_cell_m: float
     view_around_m: float

@@ -13,7 +13,7 @@ from uavcover.extras.check.tuning import PATH
 from uavcover.extras.check.world import Aircraft
 from uavcover.kernels.arrays import FloatArray
 
-_SHARES = (0.0, 0.34, 0.67, 1.0)
+_FRACTIONS = (0.0, 0.34, 0.67, 1.0)
 
 
 def turns_of(path: FlownPath, mission: Mission, aircraft: Aircraft) -> FlownPath:
@@ -29,7 +29,7 @@ def turns_of(path: FlownPath, mission: Mission, aircraft: Aircraft) -> FlownPath
         if _is_corner(one, two):
             found += _turns(one, two, mission, aircraft)
         elif aircraft.has_wings and _leaves_circle(one, two):
-            found += _ways_out(one, two)
+            found += _exits(one, two)
     return FlownPath(tuple(found), ())
 
 
@@ -62,7 +62,7 @@ def _leaves_circle(one: Segment, two: Segment) -> bool:
     return circles and meet and two.is_straight and two.phase in ("route", "return", "landing")
 
 
-def _ways_out(circle: Segment, leg: Segment) -> list[Segment]:
+def _exits(circle: Segment, leg: Segment) -> list[Segment]:
     """Wings leave a circle where they head for the next place, and not where they came to it.
 
     ArduPlane flies on from there (parameter 4 of 1) or comes back to the line from the centre (0): both ways, and lines between.
@@ -71,27 +71,29 @@ def _ways_out(circle: Segment, leg: Segment) -> list[Segment]:
     center = 0.5 * (points.min(axis=0) + points.max(axis=0))
     radius_m = float(np.hypot(*(points[0] - center)))
     to = leg.enu_m[-1]
-    way = to[:2] - center
-    distance_m = float(np.hypot(*way))
+    offset = to[:2] - center
+    distance_m = float(np.hypot(*offset))
     if distance_m <= radius_m:
         return []
     first, second = points[0] - center, points[1] - center
     left = math.copysign(1.0, float(first[0] * second[1] - first[1] * second[0]))  # anticlockwise
     off = -left * math.acos(radius_m / distance_m)
     spoke = radius_m / distance_m * np.array([
-        way[0] * math.cos(off) - way[1] * math.sin(off), way[0] * math.sin(off) + way[1] * math.cos(off)
+        offset[0] * math.cos(off) - offset[1] * math.sin(off), offset[0] * math.sin(off) + offset[1] * math.cos(off)
     ])  # fmt: skip
     up_m = leg.enu_m[0, 2]
     return [
-        Segment(leg.items, "route", np.array([[*(center + share * spoke), up_m], to]), leg.speed_m_s, is_straight=False)
-        for share in _SHARES
+        Segment(
+            leg.items, "route", np.array([[*(center + fraction * spoke), up_m], to]), leg.speed_m_s, is_straight=False
+        )
+        for fraction in _FRACTIONS
     ]
 
 
 def _turns(one: Segment, two: Segment, mission: Mission, aircraft: Aircraft) -> list[Segment]:
     corner = one.enu_m[-1]
     before, after = one.enu_m[0] - corner, two.enu_m[-1] - corner
-    in_m, out_m = (float(np.hypot(*way[:2])) for way in (before, after))
+    in_m, out_m = (float(np.hypot(*offset[:2])) for offset in (before, after))
     if min(in_m, out_m) < 1.0:
         return []
     u, v = -before[:2] / in_m, after[:2] / out_m
@@ -139,8 +141,8 @@ def _early(corner: FloatArray, u: FloatArray, turn_deg: float, cut_m: float, ris
         spoke[0] * np.cos(turned) - left * spoke[1] * np.sin(turned),
         left * spoke[0] * np.sin(turned) + spoke[1] * np.cos(turned),
     ])  # fmt: skip
-    share = turned / turned[-1]
-    ups = corner[2] + cut_m * (rises[0] * (1.0 - share) ** 2 + rises[1] * share**2)
+    fraction = turned / turned[-1]
+    ups = corner[2] + cut_m * (rises[0] * (1.0 - fraction) ** 2 + rises[1] * fraction**2)
     return np.column_stack([points, ups])
 
 

@@ -47,7 +47,7 @@ class Aircraft:
     speeds_from: str = "the autopilot's defaults"  # where the speeds are from, as text
 
     @property
-    def speeds_in_words(self) -> str:
+    def speeds_text(self) -> str:
         """The speeds that times are reckoned with, and where they are from."""
         words = f"{self.cruise_speed_m_s:g} m/s, climb {self.max_climb_m_s:g} m/s, descent {self.max_descent_m_s:g} m/s"
         if not self.has_wings:
@@ -124,7 +124,7 @@ class World:
         """Height of the ground at home, above sea level."""
         return self.frame.alt_amsl_m
 
-    def place(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
+    def position(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
         """East and north of a position, metres."""
         east, north, _ = self.frame.enu_from_geodetic(lat_deg, lon_deg, self.frame.alt_amsl_m)[0]
         return float(east), float(north)
@@ -163,12 +163,12 @@ class World:
         ranges[alone] = over[alone]
         return ranges
 
-    def clearances_m(self, places_m: ArrayLike) -> FloatArray:
+    def clearances_m(self, positions_m: ArrayLike) -> FloatArray:
         """(n,) heights of (n, 3) ENU places above the higher of ground and surface model; NaN as along legs."""
-        heights = self.ground.heights_agl_m(places_m)
+        heights = self.ground.heights_agl_m(positions_m)
         if self.surface is None:
             return heights
-        over = self.surface.heights_agl_m(places_m)
+        over = self.surface.heights_agl_m(positions_m)
         return np.where(np.isfinite(heights), np.minimum(heights, over), over)
 
     def alts_amsl_m(self, enu_m: FloatArray) -> FloatArray:
@@ -240,7 +240,7 @@ def local_fence(source: FenceSource | None, world: World, autopilot: AutopilotNa
         for number, one in enumerate(source.polygons)
     ]
     circles = tuple(
-        (*world.place(one.center.lat_deg, one.center.lon_deg), one.radius_m, one.inclusion) for one in source.circles
+        (*world.position(one.center.lat_deg, one.center.lon_deg), one.radius_m, one.inclusion) for one in source.circles
     )
     return LocalFence(
         inside=tuple(polygon for polygon, inclusion in polygons if inclusion),

@@ -107,7 +107,7 @@ def export(
         about = f" ({file.flight.items} {what}, {file.flight.flight_time_s / 60.0:.1f} min)" if len(written) > 1 else ""
         console.say(f"wrote {file.path}{about}")
     if file_format in CONTROLLER_POINTS:
-        _say_how_it_flies(console, file_format, written)
+        _print_how_it_flies(console, file_format, written)
     rows = [
         {
             "file": str(file.path), "items": file.flight.items, "flight_time_s": file.flight.flight_time_s,
@@ -134,7 +134,7 @@ def _print(console: "Console", run: "RunFolder", request: "ExportRequest", paper
     return 0
 
 
-def _say_how_it_flies(console: "Console", file_format: str, written: "tuple[ExportedFile, ...]") -> None:
+def _print_how_it_flies(console: "Console", file_format: str, written: "tuple[ExportedFile, ...]") -> None:
     """Report what a list of points cannot contain, and the pilot's tasks."""
     console.say("heights are relative to the take-off position: start on the ground at the plan's home")
     console.say("the aircraft stops at each point; it lands from the last point, straight above home")
@@ -142,7 +142,7 @@ def _say_how_it_flies(console: "Console", file_format: str, written: "tuple[Expo
         f"the highest point is {max(file.flight.highest_m for file in written):.0f} m above home; set the app's "
         "height limit to at least this height"
     )
-    if not any(file.flight.pictures for file in written):
+    if not any(file.flight.photos for file in written):
         console.say("the scenario has no trigger distance, so the mission takes no photos; trigger the camera manually")
     heights_m = [file.flight.return_height_m for file in written if file.flight.return_height_m is not None]
     where = "in the file" if file_format == "wpml" else "to be set in the app"

@@ -16,8 +16,8 @@ from uavcover.errors import InfeasibleError, InputError, OutputError, TerrainErr
 from uavcover.kernels.flight_time import landing_time, leg_times, takeoff_time
 from uavcover.missions.flights import compile_flights, compile_sorties, export_content
 from uavcover.missions.mission_compiler import CompiledMission, Sortie, compile_mission
+from uavcover.missions.path_cost import longest_flight_text
 from uavcover.missions.return_advice import ReturnAdvice
-from uavcover.missions.way_cost import longest_flight_in_words
 from uavcover.model.area import RasterTerrain
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
@@ -75,7 +75,7 @@ class FlightFile:
     items: int  # mission items, or points for controllers that fly points
     flight_time_s: float  # from take-off to landing
     highest_m: float  # its highest point above home
-    pictures: bool | None = None  # whether a controller's file takes photos; None for missions, whose items say it
+    photos: bool | None = None  # whether a controller's file takes photos; None for missions, whose items say it
     warnings: tuple[str, ...] = ()  # what a pilot has to know who lets a controller return by itself, one line each
     return_height_m: float | None = None  # height above home for a return by the controller itself; None for missions
 
@@ -229,7 +229,7 @@ def _flight_file(
         len(flight.points),
         time_with_stops_s(site, compiled, autopilot),
         highest_m,
-        pictures=any(point.pictures or point.picture_distance_m is not None for point in flight.points),
+        photos=any(point.photos or point.photo_distance_m is not None for point in flight.points),
         warnings=_warnings_of_return(advice, height_m),
         return_height_m=height_m,
     )
@@ -302,7 +302,7 @@ def _flights_with_stops(
             break
     raise InfeasibleError(
         f"a flight that stops at each point takes {times_s[worst]:.0f} s, but "
-        f"{longest_flight_in_words(site.scenario.vehicle)}; plan with fewer waypoints (--max-waypoints), or a "
+        f"{longest_flight_text(site.scenario.vehicle)}; plan with fewer waypoints (--max-waypoints), or a "
         "smaller area"
     )
 

@@ -60,10 +60,10 @@ def profile_drawing(site: Site, sortie: Sortie) -> dict[str, Any]:
     steps_m = np.hypot(*np.diff(compiled.path_m[:, :2], axis=0).T)
     along_m = np.concatenate([[0.0], np.cumsum(steps_m)])
     at_m = np.union1d(along_m, np.linspace(0.0, along_m[-1], 600))
-    places = np.column_stack([np.interp(at_m, along_m, compiled.path_m[:, k]) for k in range(3)])
+    positions = np.column_stack([np.interp(at_m, along_m, compiled.path_m[:, k]) for k in range(3)])
     # At a vertical leg two heights have one distance; the corners themselves are drawn from the path.
-    ground_up_m = site.ground.heights_m(places[:, :2])
-    sea_m = site.alts_amsl_m(places) - places[:, 2]
+    ground_up_m = site.ground.heights_m(positions[:, :2])
+    sea_m = site.alts_amsl_m(positions) - positions[:, 2]
     ground_m, path_m = ground_up_m + sea_m, site.alts_amsl_m(compiled.path_m)
     low = math.floor(float(np.nanmin(ground_m)) / 10.0) * 10.0 - 10.0
     high = max(float(path_m.max()), float(np.nanmax(ground_m)) + limits.max_height_agl_m)
@@ -121,7 +121,7 @@ class _View:
 
     def polygon(self, shape: shapely.geometry.base.BaseGeometry) -> str:
         rings = [
-            _path([self.at(*place) for place in shapely.get_coordinates(ring)[:-1].tolist()]) + "Z"
+            _path([self.at(*position) for position in shapely.get_coordinates(ring)[:-1].tolist()]) + "Z"
             for part in shapely.get_parts(shape.intersection(self._frame))
             if isinstance(part, shapely.Polygon)
             for ring in (part.exterior, *part.interiors)
@@ -131,7 +131,9 @@ class _View:
     def outline(self, shape: shapely.geometry.base.BaseGeometry) -> str:
         """The edge of an area inside the map. A polygon cut off at the map's edge would have an edge there too."""
         lines = shapely.get_parts(shape.boundary.intersection(self._frame))
-        return " ".join(_path([self.at(*place) for place in shapely.get_coordinates(line).tolist()]) for line in lines)
+        return " ".join(
+            _path([self.at(*position) for position in shapely.get_coordinates(line).tolist()]) for line in lines
+        )
 
     def line(self, points_m: FloatArray) -> str:
         return _path([self.at(float(east), float(north)) for east, north in points_m[:, :2]])
@@ -179,18 +181,18 @@ def _corners(site: Site, view: _View) -> list[str]:
     """Latitude and longitude of two corners of the map."""
     if site.frame is None:
         return []
-    places = np.array([[view.west, view.south, 0.0], [view.east, view.north_m, 0.0]])
-    lat, lon, _ = site.frame.geodetic_from_enu(places)
-    return [place_text(float(lat[k]), float(lon[k])) for k in range(2)]
+    positions = np.array([[view.west, view.south, 0.0], [view.east, view.north_m, 0.0]])
+    lat, lon, _ = site.frame.geodetic_from_enu(positions)
+    return [position_text(float(lat[k]), float(lon[k])) for k in range(2)]
 
 
-def place_text(lat_deg: float, lon_deg: float) -> str:
+def position_text(lat_deg: float, lon_deg: float) -> str:
     """A place as pilots read it: degrees with hemispheres."""
     return f"{abs(lat_deg):.6f}° {'N' if lat_deg >= 0 else 'S'}, {abs(lon_deg):.6f}° {'E' if lon_deg >= 0 else 'W'}"
 
 
-def _path(places: Sequence[tuple[float, float]]) -> str:
-    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in places)
+def _path(positions: Sequence[tuple[float, float]]) -> str:
+    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in positions)
 
 
 def _ticks(low: float, high: float, count: int) -> list[float]:
@@ -274,7 +276,7 @@ def _home(site: Site) -> dict[str, str]:
     if site.frame is None or site.home_m is None:
         return {"place": "", "alt": ""}
     lat, lon, alt = site.frame.geodetic_from_enu(site.home_m)
-    return {"place": place_text(float(lat[0]), float(lon[0])), "alt": f"{float(alt[0]):.0f} m"}
+    return {"place": position_text(float(lat[0]), float(lon[0])), "alt": f"{float(alt[0]):.0f} m"}
 
 
 def _flight_row(site: Site, number: int, sortie: Sortie, autopilot: AutopilotName, *, stops: bool) -> dict[str, Any]:
@@ -314,7 +316,7 @@ def _limits(site: Site, flights: Sequence[Sortie]) -> list[tuple[str, str]]:
     home = site.home_m
     reach_m = 0.0
     if home is not None:
-        reach_m = max(math.dist(place[:2], home[:2]) for sortie in flights for place in sortie.compiled.path_m)
+        reach_m = max(math.dist(position[:2], home[:2]) for sortie in flights for position in sortie.compiled.path_m)
     sea = [
         (word, alt_m)
         for word, alt_m in (("from", limits.min_alt_amsl_m), ("to", limits.max_alt_amsl_m))
@@ -333,7 +335,7 @@ def _limits(site: Site, flights: Sequence[Sortie]) -> list[tuple[str, str]]:
         ("Battery", "" if vehicle.endurance_s is None else (
             f"{clock(vehicle.endurance_s)} min of hovering on a full battery, {vehicle.reserve_fraction:.0%} held in reserve"
         )),
-        ("Active no-fly zones", ", ".join(f"{zone.name} ({zone.heights_in_words()})" for zone in site.zones)),
+        ("Active no-fly zones", ", ".join(f"{zone.name} ({zone.heights_text()})" for zone in site.zones)),
     ]  # fmt: skip
     return [(name, text) for name, text in rows if text]
 
@@ -344,7 +346,7 @@ def _camera(site: Site) -> str:
     if not sensor.is_camera:
         return ""
     distance_m = trigger_distance_m(site.scenario)
-    pictures = "the mission does not trigger photos" if distance_m is None else f"a photo every {distance_m:.1f} m"
+    photos = "the mission does not trigger photos" if distance_m is None else f"a photo every {distance_m:.1f} m"
     if not sensor.looks_along_path:
-        pictures = "a photo at each waypoint"
-    return f"{sensor.mount}, {sensor.pitch_deg:g}° (-90° is straight down), {pictures}"
+        photos = "a photo at each waypoint"
+    return f"{sensor.mount}, {sensor.pitch_deg:g}° (-90° is straight down), {photos}"

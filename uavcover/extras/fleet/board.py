@@ -52,10 +52,10 @@ class Board:
         with self._lock:
             self._user.say(line)
 
-    def say_limits(self, head: str, rows: Sequence[Mapping[str, Any]]) -> None:
+    def show_limits(self, head: str, rows: Sequence[Mapping[str, Any]]) -> None:
         """Print a vehicle's table of limits."""
         with self._lock:
-            self._user.say_limits(head, rows)
+            self._user.show_limits(head, rows)
 
     def warn(self, line: str) -> None:
         """Print a warning of the whole fleet."""
@@ -113,11 +113,11 @@ class VehicleUser:
         """Print a message of this vehicle."""
         self._board.say(f"vehicle {self._number}: {line.strip()}")
 
-    def say_limits(self, head: str, rows: Sequence[Mapping[str, Any]]) -> None:
+    def show_limits(self, head: str, rows: Sequence[Mapping[str, Any]]) -> None:
         """Print this vehicle's table of limits; each row names the vehicle."""
         name = f"vehicle {self._number}"
         named = [{**row, "what": f"{name}: {row['what']}"} for row in rows]
-        self._board.say_limits(f"{name}: {head.strip()}", named)
+        self._board.show_limits(f"{name}: {head.strip()}", named)
 
     def warn(self, line: str) -> None:
         """Print a warning of this vehicle."""

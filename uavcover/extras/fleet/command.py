@@ -17,7 +17,7 @@ from uavcover.extras.fleet.sortie import FleetClock, RealClock
 from uavcover.extras.fleet.tuning import FLEET
 from uavcover.flight.command import ENDED_BY_USER, FlightOptions, refuse_older_flight
 from uavcover.flight.compiled_flight import check_home, send_and_compare
-from uavcover.flight.connect import Connected, VehicleLink, VehiclePlace, connect, require_different, require_home
+from uavcover.flight.connect import Connected, VehicleAddress, VehicleLink, connect, require_different, require_home
 from uavcover.flight.orders import require_multirotor
 from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.mission_compiler import compile_mission
@@ -215,7 +215,7 @@ def fly_fleet(
         InfeasibleError: a leg exceeds a limit.
         FleetFailedError: a vehicle failed, or was lost.
     """
-    require_different([VehiclePlace(link.url, link.system_id) for link in links])
+    require_different([VehicleAddress(link.url, link.system_id) for link in links])
     clocks = [RealClock(_speed(links))] * len(links) if options.clocks is None else options.clocks
     jobs = planned_jobs(run, len(links))
     for job in jobs:
@@ -336,7 +336,7 @@ def write_fleet_recording(run: RunFolder, folders: Sequence[RunFolder]) -> Path 
     site, planned = read_planned(run)
     coverage = judging_map(site)
     shared: dict[str, tuple[FloatArray, FloatArray]] = {}
-    first_seen: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+    first_observed: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     paces = []
     for folder in folders:
         if not folder.file(TRACK).exists():
@@ -354,7 +354,7 @@ def write_fleet_recording(run: RunFolder, folders: Sequence[RunFolder]) -> Path 
         flown = flown_coverage(eyes, track, PlannedRoute(flown_plan.route.waypoints_m, 0.0))
         name = str(folder.path.relative_to(run.path)).replace("/", ", ")
         shared[name] = (times.taken_utc_s, track.enu_m)
-        first_seen.append((flown.first_seen_s, track.time_s, times.taken_utc_s))
+        first_observed.append((flown.first_observed_s, track.time_s, times.taken_utc_s))
         paces.append(times.pace)
     if not shared:
         return None
@@ -363,15 +363,15 @@ def write_fleet_recording(run: RunFolder, folders: Sequence[RunFolder]) -> Path 
     def since_first_s(taken_utc_s: FloatArray) -> FloatArray:
         return (taken_utc_s - begin) / pace
 
-    seen = np.full(coverage.grid.count, np.inf)
-    for first_s, own_s, taken_utc_s in first_seen:
+    observed = np.full(coverage.grid.count, np.inf)
+    for first_s, own_s, taken_utc_s in first_observed:
         on_shared = since_first_s(np.interp(first_s, own_s, taken_utc_s))
-        seen = np.fmin(seen, np.where(np.isfinite(first_s), on_shared, np.inf))
+        observed = np.fmin(observed, np.where(np.isfinite(first_s), on_shared, np.inf))
     tracks = {}
     for name, (taken_utc_s, enu_m) in shared.items():
         time_s = since_first_s(taken_utc_s)
         kept = np.concatenate([[True], np.diff(time_s) > FLEET.least_step_s])
         tracks[name] = (time_s[kept], enu_m[kept])
     path = run.file(FLEET_RECORDING)
-    record_fleet(path, coverage=coverage, planned=planned.route, tracks=tracks, first_seen_s=seen)
+    record_fleet(path, coverage=coverage, planned=planned.route, tracks=tracks, first_observed_s=observed)
     return path

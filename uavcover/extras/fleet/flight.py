@@ -23,7 +23,7 @@ from uavcover.extras.fleet.sortie import (
     ReserveWatch,
     is_down,
     lacking_battery,
-    places_m,
+    positions_m,
     require_own_mission,
     wait_for_home,
     whose_home,
@@ -57,7 +57,7 @@ class FleetOrders:
     paused: Callable[[], bool]  # whether the user wants all to hold their places
 
 
-_LOOK_EVERY_S, _PLACE_EVERY_S = 1.0, 0.5
+_LOOK_EVERY_S, _POSITION_EVERY_S = 1.0, 0.5
 _IN_ORDER = "give the --to options in the order of the vehicles, vehicle 1 first"
 
 
@@ -285,8 +285,8 @@ class FleetFlight:
 
         def may_go_home(mission: Mission) -> bool:
             row.does = "holds"
-            way_m = places_m(mission, job.site)
-            may = self.traffic.may_go_home(job.name, clock.now(), way_m, all_return=self.orders.stops() > 0)
+            path_m = positions_m(mission, job.site)
+            may = self.traffic.may_go_home(job.name, clock.now(), path_m, all_return=self.orders.stops() > 0)
             row.does = "returns" if may else "holds"
             return may
 
@@ -301,7 +301,7 @@ class FleetFlight:
             now = clock.now()
             if now < next_s:
                 return
-            next_s = now + _PLACE_EVERY_S
+            next_s = now + _POSITION_EVERY_S
             self.traffic.moved(job.name, now, np.array([sample.east_m, sample.north_m, sample.up_m]))
             row.late_s = self.traffic.late_s(job.name)
             row.nearest = self.traffic.nearest_m(job.name)

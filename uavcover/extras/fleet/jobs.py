@@ -86,13 +86,13 @@ def planned_jobs(run: RunFolder, vehicles: int) -> list[Job]:
             f"use --to {'once' if flying == 1 else f'{flying} times'}{more}"
         )
     try:
-        asked = [(int(row["number"]), int(row["vehicle"]), float(row["takeoff_s"])) for row in rows]
+        requested = [(int(row["number"]), int(row["vehicle"]), float(row["takeoff_s"])) for row in rows]
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
             f"{run.file('plan.json')}: cannot read the key sorties ({type(error).__name__}: {error}); create the "
             "plan again with: uavcover plan"
         ) from error
-    jobs = [_planned_job(run, number, vehicle, takeoff_s) for number, vehicle, takeoff_s in asked]
+    jobs = [_planned_job(run, number, vehicle, takeoff_s) for number, vehicle, takeoff_s in requested]
     flyers, all_of_them = {job.vehicle for job in jobs}, set(range(1, vehicles + 1))
     if flyers != all_of_them and (alike or not flyers < all_of_them):
         raise InputError(f"{run.file('plan.json')}: the sorties' vehicles must be 1 to {vehicles}; plan again")

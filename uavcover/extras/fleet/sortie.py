@@ -26,7 +26,7 @@ from uavcover.flight.connect import Connected
 from uavcover.flight.watch import RESERVE, BatteryUse
 from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.mission_compiler import AUTOPILOTS, CompiledMission
-from uavcover.missions.objectives import way_home
+from uavcover.missions.objectives import return_path
 from uavcover.model.route import Route
 from uavcover.model.track import Ending, FlightOutcome
 from uavcover.scenario.site import Site
@@ -103,7 +103,7 @@ def is_down(connected: Connected) -> bool:
     """Whether a vehicle is known to be on the ground, by its last messages, if they are recent."""
     client, monitor = connected.client, connected.monitor
     try:
-        fresh = client.heartbeat_age_s < FLEET.lately_s and monitor.silence_s(client.clock.now()) < FLEET.lately_s
+        fresh = client.heartbeat_age_s < FLEET.recent_s and monitor.silence_s(client.clock.now()) < FLEET.recent_s
         return fresh and (not client.vehicle.armed or monitor.on_ground is True)
     except MissionIoError:
         return False
@@ -136,8 +136,8 @@ def whose_home(connected: Connected, sites: Mapping[int, Site]) -> int | None:
     away_m = {}
     for number, site in sites.items():
         if site.frame is not None and site.home_m is not None:
-            place_m = site.frame.enu_from_geodetic(reported.lat_deg, reported.lon_deg, reported.alt_amsl_m)[0]
-            away_m[number] = float(np.hypot(*(place_m - site.home_m)[:2]))
+            position_m = site.frame.enu_from_geodetic(reported.lat_deg, reported.lon_deg, reported.alt_amsl_m)[0]
+            away_m[number] = float(np.hypot(*(position_m - site.home_m)[:2]))
     nearest = min(away_m, key=away_m.__getitem__, default=None)
     if nearest is None or away_m[nearest] > sites[nearest].scenario.limits.max_home_error_m:
         return None
@@ -183,11 +183,11 @@ def pace_home_m_s(site: Site) -> tuple[float, float]:
     return vehicle.cruise_speed_m_s, 0.5 * min(vehicle.max_climb_m_s, vehicle.max_descent_m_s)
 
 
-def places_m(mission: Mission, site: Site) -> FloatArray:
+def positions_m(mission: Mission, site: Site) -> FloatArray:
     """(k, 3) ENU, the positions of a mission home; at least two."""
     if site.frame is None or mission.home is None:
         raise InputError(f"scenario {site.scenario.name} has no position on Earth; add an [origin]")
-    places = [
+    positions = [
         site.frame.enu_from_geodetic(
             item.lat_deg,
             item.lon_deg,
@@ -196,7 +196,7 @@ def places_m(mission: Mission, site: Site) -> FloatArray:
         for item in mission.items
         if item.has_position
     ]
-    return np.array([places[0], *places])
+    return np.array([positions[0], *positions])
 
 
 _STAYS_OUT = (
@@ -228,14 +228,14 @@ class LostVehicle:
         client.poll(seconds)
         now = clock.now()
         here = monitor.latest(GlobalPositionInt)
-        if here is None or site.frame is None or monitor.silence_s(client.clock.now()) > FLEET.lately_s:
+        if here is None or site.frame is None or monitor.silence_s(client.clock.now()) > FLEET.recent_s:
             return None
-        place_m = site.frame.enu_from_geodetic(here.lat_deg, here.lon_deg, here.alt_amsl_m)[0]
+        position_m = site.frame.enu_from_geodetic(here.lat_deg, here.lon_deg, here.alt_amsl_m)[0]
         where = f"at {here.lat_deg:.6f}, {here.lon_deg:.6f}"
         if is_down(self._connected):
             self._traffic.landed(self._job.name, now)
             return f"sends messages again, on the ground {where}; {_STAYS_OUT}"
-        self._traffic.moved(self._job.name, now, np.asarray(place_m))
+        self._traffic.moved(self._job.name, now, np.asarray(position_m))
         again = f"sends messages again, in the air {where}; the others keep their distance; {_STAYS_OUT}"
         message, self._heard = None if self._heard else again, True
         return message
@@ -280,12 +280,12 @@ class ReserveWatch:
         if use.lasts_home(rest_s) or use.lasts_on(rest_s):  # the return is shorter than that
             return None
         try:
-            way_m, home_s = way_home(self._job.site, self._traffic.place_m(self._job.name))
+            path_m, home_s = return_path(self._job.site, self._traffic.position_m(self._job.name))
         except UavcoverError:  # the ground below the way is not known
             return None
         if use.allows_on(rest_s=rest_s, home_s=home_s):
             return None
-        if not self._traffic.give_way_home(self._job.name, now, way_m, within_s=home_s + RESERVE.to_turn_s):
+        if not self._traffic.give_return(self._job.name, now, path_m, within_s=home_s + RESERVE.to_turn_s):
             return None
         reserve = 100.0 * use.vehicle.reserve_fraction
         return (

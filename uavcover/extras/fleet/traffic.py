@@ -21,7 +21,7 @@ from uavcover.model.vehicle import Fleet
 _KNOWN_AFTER_S, _MOST_LATER = 20.0, 1.0
 """Time in the air after which a flight's delay predicts its delay at the landing, and the largest one as a fraction of the
 rest."""
-_UNDER_WAY_S = 3.0
+_MOVING_S = 3.0
 """Progress at which a vehicle has left the ground: a delay before it does not grow."""
 
 
@@ -49,17 +49,17 @@ class FleetPosition:
     began_s: float = 0.0  # when it took off
     # the take-off, and the progress, by which it was on its plan when it had left the ground; None before
     lifted_s: tuple[float, float] | None = None
-    seen_s: float = 0.0  # when it was there
-    place_m: FloatArray = field(default_factory=lambda: np.zeros(3))  # (3,) ENU, where it is
+    observed_s: float = 0.0  # when it was there
+    position_m: FloatArray = field(default_factory=lambda: np.zeros(3))  # (3,) ENU, where it is
     held: bool = False  # whether it holds its place to let another one pass
-    way_m: FloatArray = field(default_factory=lambda: np.empty((0, 3)))  # (k, 3) ENU, its return
-    asked_s: float = math.inf  # when it first asked for that
+    path_m: FloatArray = field(default_factory=lambda: np.empty((0, 3)))  # (k, 3) ENU, its return
+    requested_s: float = math.inf  # when it first asked for that
     free_s: float = -math.inf  # when the place where it landed is free; for one that is lost, when it must be down
 
     @property
     def as_if_begun_s(self) -> float:
         """The take-off after which the plan would have it where it is."""
-        return self.seen_s - self.progress_s
+        return self.observed_s - self.progress_s
 
     @property
     def gets_later_s(self) -> float:
@@ -67,12 +67,12 @@ class FleetPosition:
         if self.progress_s < _KNOWN_AFTER_S or self.lifted_s is None:
             return 0.0
         begun_s, progress_s = self.lifted_s
-        each_s = (self.as_if_begun_s - begun_s) / max(self.progress_s - progress_s, _UNDER_WAY_S)
+        each_s = (self.as_if_begun_s - begun_s) / max(self.progress_s - progress_s, _MOVING_S)
         return min(max(each_s, 0.0), _MOST_LATER) * (self.timeline.duration_s - self.progress_s)
 
     def note_lift(self) -> None:
         """Note that it has left the ground, if it has."""
-        if self.lifted_s is None and self.progress_s >= _UNDER_WAY_S:
+        if self.lifted_s is None and self.progress_s >= _MOVING_S:
             self.lifted_s = self.as_if_begun_s, self.progress_s
 
     def may_fly(self, now: float, fleet: Fleet) -> bool:
@@ -86,7 +86,7 @@ class FleetPosition:
     @property
     def home_m(self) -> FloatArray:
         """(3,) ENU, where it lands."""
-        return np.asarray(self.timeline.place_m[-1])
+        return np.asarray(self.timeline.position_m[-1])
 
 
 _AHEAD_S, _AHEAD_TO_GO_ON_S = 45.0, 60.0
@@ -137,10 +137,10 @@ class Traffic:
             flight = self._flights[name]
             return flight.as_if_begun_s + flight.timeline.duration_s
 
-    def place_m(self, name: str) -> FloatArray:
+    def position_m(self, name: str) -> FloatArray:
         """(3,) ENU, the last known position of a flight."""
         with self._lock:
-            return self._flights[name].place_m
+            return self._flights[name].position_m
 
     @property
     def begun(self) -> bool:
@@ -178,22 +178,22 @@ class Traffic:
                 return False
             if self._first_s is None:
                 self._first_s = now - own.planned_s
-            own.phase, own.began_s, own.seen_s, own.progress_s = FleetPhase.FLYING, now, now, 0.0
+            own.phase, own.began_s, own.observed_s, own.progress_s = FleetPhase.FLYING, now, now, 0.0
             own.lifted_s = None
-            own.place_m = np.asarray(own.timeline.place_m[0])
+            own.position_m = np.asarray(own.timeline.position_m[0])
             return True
 
-    def moved(self, name: str, now: float, place_m: FloatArray) -> None:
+    def moved(self, name: str, now: float, position_m: FloatArray) -> None:
         """Where a flight is now, (3,) ENU."""
         with self._lock:
             flight = self._flights[name]
             if flight.phase in (FleetPhase.FLYING, FleetPhase.LOST):  # one that was lost may be heard again
-                latest_s = flight.progress_s + (now - flight.seen_s) + _BEYOND_S
+                latest_s = flight.progress_s + (now - flight.observed_s) + _BEYOND_S
                 flight.progress_s = max(
                     flight.progress_s,
-                    flight.timeline.nearest_time_s(place_m, from_s=flight.progress_s - _BACK_S, to_s=latest_s),
+                    flight.timeline.nearest_time_s(position_m, from_s=flight.progress_s - _BACK_S, to_s=latest_s),
                 )
-            flight.seen_s, flight.place_m = now, place_m
+            flight.observed_s, flight.position_m = now, position_m
             flight.note_lift()
 
     def must_hold(self, name: str, now: float, *, may_wait_s: float = math.inf) -> bool:
@@ -216,13 +216,13 @@ class Traffic:
             own.held = any(self._yields(name, own, n, f, now, ahead_s) for n, f in others)
             return own.held
 
-    def give_way_home(self, name: str, now: float, way_m: FloatArray, *, within_s: float) -> bool:
+    def give_return(self, name: str, now: float, path_m: FloatArray, *, within_s: float) -> bool:
         """Give a flight on its mission the return, before it stops; all others then keep clear of it.
 
         Args:
             name: which flight.
             now: present time.
-            way_m: (k, 3) ENU from where it is to the ground at home.
+            path_m: (k, 3) ENU from where it is to the ground at home.
             within_s: time in which it has flown it.
 
         Returns:
@@ -240,25 +240,27 @@ class Traffic:
                 if other.phase is FleetPhase.DOWN and now + within_s >= other.free_s:
                     continue
                 if other.phase is FleetPhase.DOWN:
-                    places = other.home_m[None]
+                    positions = other.home_m[None]
                 elif other.phase in _IN_THE_AIR:
                     # One that holds now may go on at any time.
-                    going_on = _as_planned(other)(times_s) if other.phase is FleetPhase.FLYING else other.place_m[None]
-                    places = np.vstack([going_on, self._from_now(other, now)(times_s)])
+                    going_on = (
+                        _as_planned(other)(times_s) if other.phase is FleetPhase.FLYING else other.position_m[None]
+                    )
+                    positions = np.vstack([going_on, self._from_now(other, now)(times_s)])
                 else:
                     continue
-                if self._least_m(places, way_m) < self._fleet.held_apart_m:
+                if self._least_m(positions, path_m) < self._fleet.held_apart_m:
                     return False
-            own.phase, own.way_m, own.asked_s, own.held = FleetPhase.HOMEWARD, way_m, now, False
+            own.phase, own.path_m, own.requested_s, own.held = FleetPhase.HOMEWARD, path_m, now, False
             return True
 
-    def may_go_home(self, name: str, now: float, way_m: FloatArray, *, all_return: bool) -> bool:
+    def may_go_home(self, name: str, now: float, path_m: FloatArray, *, all_return: bool) -> bool:
         """Whether a vehicle that holds may fly (k, 3) legs home now; one that was given its return may.
 
         Args:
             name: which flight.
             now: present time.
-            way_m: from where it holds to the ground at home, ENU metres.
+            path_m: from where it holds to the ground at home, ENU metres.
             all_return: whether all others come home too: then one after the other, when all hold.
 
         Raises:
@@ -267,25 +269,25 @@ class Traffic:
         with self._lock:
             own = self._flights[name]
             if own.phase is FleetPhase.HOMEWARD:
-                own.way_m = way_m
+                own.path_m = path_m
                 return True
-            own.phase, own.way_m, own.asked_s = FleetPhase.HOLDING, way_m, min(own.asked_s, now)
-            all_return = all_return and now - own.asked_s < FLEET.holds_within_s
+            own.phase, own.path_m, own.requested_s = FleetPhase.HOLDING, path_m, min(own.requested_s, now)
+            all_return = all_return and now - own.requested_s < FLEET.holds_within_s
             others = [f for _, f in self._others(name) if f.phase in _IN_THE_AIR and self._counts(f, now)]
             if any(f.phase is FleetPhase.HOMEWARD or (all_return and f.phase is FleetPhase.FLYING) for f in others):
                 return False
             if any(f.phase is FleetPhase.DOWN and self._meets_landed(own, f, now) for _, f in self._others(name)):
                 return False
             waiting = [f for f in others if f.phase is FleetPhase.HOLDING]
-            if any(len(f.way_m) == 0 for f in waiting):
+            if any(len(f.path_m) == 0 for f in waiting):
                 return False
             free = [f for f in (own, *waiting) if self._passes_holders(f, [own, *waiting])]
             moving = [f for f in others if f.phase in (FleetPhase.FLYING, FleetPhase.LOST)]
             if not free and not moving:
                 raise InfeasibleError("the returns of the holding vehicles do not keep the separation from each other")
-            if own not in free or _length_m(own.way_m) > min(_length_m(f.way_m) for f in free):
+            if own not in free or _length_m(own.path_m) > min(_length_m(f.path_m) for f in free):
                 return False
-            if any(self._meets(_along_way(own), self._from_now(f, now), _way_s(own)) for f in moving):
+            if any(self._meets(_along_path(own), self._from_now(f, now), _path_s(own)) for f in moving):
                 return False
             own.phase = FleetPhase.HOMEWARD
             return True
@@ -306,8 +308,8 @@ class Traffic:
         """Distance of the nearest other flight in the air."""
         with self._lock:
             own = self._flights[name]
-            others = [f.place_m for _, f in self._others(name) if f.phase in _IN_THE_AIR]
-            return min((float(np.linalg.norm(place_m - own.place_m)) for place_m in others), default=None)
+            others = [f.position_m for _, f in self._others(name) if f.phase in _IN_THE_AIR]
+            return min((float(np.linalg.norm(position_m - own.position_m)) for position_m in others), default=None)
 
     def _others(self, name: str) -> Iterator[tuple[str, FleetPosition]]:
         return ((n, f) for n, f in self._flights.items() if n != name)
@@ -321,7 +323,9 @@ class Traffic:
             case FleetPhase.WAITING:
                 return True
             case FleetPhase.DOWN:
-                near = float(np.linalg.norm(flight.home_m - own.timeline.place_m[0])) < self._fleet.planned_separation_m
+                near = (
+                    float(np.linalg.norm(flight.home_m - own.timeline.position_m[0])) < self._fleet.planned_separation_m
+                )
                 return not near or now >= flight.free_s
             case FleetPhase.FLYING:
                 difference_s = now - flight.as_if_begun_s
@@ -339,7 +343,7 @@ class Traffic:
     ) -> bool:
         """Whether of two flights that would come too near this one holds."""
         if flight.phase is FleetPhase.HOMEWARD:
-            return self._meets_way(own, flight, ahead_s)
+            return self._meets_path(own, flight, ahead_s)
         if flight.phase is FleetPhase.DOWN:
             return now < flight.free_s and self._meets(
                 _as_planned(own), lambda _: flight.home_m[None], min(ahead_s, flight.free_s - now)
@@ -350,18 +354,18 @@ class Traffic:
             return False
         if flight.phase is not FleetPhase.FLYING or flight.held:
             return True
-        own_in_way = self._stands_in_way(own, flight, ahead_s)
-        other_in_way = self._stands_in_way(flight, own, ahead_s)
-        if own_in_way is not other_in_way:
-            return other_in_way
+        own_blocks = self._blocks_path(own, flight, ahead_s)
+        other_blocks = self._blocks_path(flight, own, ahead_s)
+        if own_blocks is not other_blocks:
+            return other_blocks
         return (own.planned_s, name) > (flight.planned_s, other)
 
     def _from_now(self, flight: FleetPosition, now: float) -> _Ahead:
         """Positions of a flight at times from now, by its present phase."""
         if flight.phase is FleetPhase.HOLDING or flight.held:
-            return lambda times_s: np.broadcast_to(flight.place_m, (len(times_s), 3))
+            return lambda times_s: np.broadcast_to(flight.position_m, (len(times_s), 3))
         begun_s = now - flight.as_if_begun_s if flight.phase is FleetPhase.LOST else flight.progress_s
-        return lambda times_s: flight.timeline.places_m(begun_s + times_s)
+        return lambda times_s: flight.timeline.positions_m(begun_s + times_s)
 
     def _until_gone(self, flight: FleetPosition, now: float) -> _Ahead:
         """The same, but infinitely far away once it has landed and been taken off the pad.
@@ -382,60 +386,60 @@ class Traffic:
         at_once = np.abs(times_s[:, None] - times_s[None]) <= error_s[:, None]
         return bool((apart_m[at_once] < self._fleet.held_apart_m).any())
 
-    def _meets_way(self, own: FleetPosition, homeward: FleetPosition, ahead_s: float) -> bool:
+    def _meets_path(self, own: FleetPosition, homeward: FleetPosition, ahead_s: float) -> bool:
         """Whether a flight comes near the return of another one, or near where that is, within a time."""
-        places = own.timeline.places_m(own.progress_s + np.arange(0.0, ahead_s, FLEET.step_s))
-        way = np.vstack([homeward.place_m, homeward.way_m])
-        return self._least_m(places, way) < self._fleet.held_apart_m
+        positions = own.timeline.positions_m(own.progress_s + np.arange(0.0, ahead_s, FLEET.step_s))
+        path = np.vstack([homeward.position_m, homeward.path_m])
+        return self._least_m(positions, path) < self._fleet.held_apart_m
 
     def _meets_landed(self, own: FleetPosition, landed: FleetPosition, now: float) -> bool:
         """Whether a return ends where another vehicle still stands."""
-        if float(np.linalg.norm(own.way_m[-1] - landed.home_m)) >= self._fleet.held_apart_m:
+        if float(np.linalg.norm(own.path_m[-1] - landed.home_m)) >= self._fleet.held_apart_m:
             return False
-        return now + _way_s(own) < landed.free_s
+        return now + _path_s(own) < landed.free_s
 
-    def _stands_in_way(self, holder: FleetPosition, flight: FleetPosition, ahead_s: float) -> bool:
-        places = flight.timeline.places_m(flight.progress_s + np.arange(0.0, ahead_s, FLEET.step_s))
-        return float(np.linalg.norm(places - holder.place_m, axis=1).min()) < self._fleet.held_apart_m
+    def _blocks_path(self, holder: FleetPosition, flight: FleetPosition, ahead_s: float) -> bool:
+        positions = flight.timeline.positions_m(flight.progress_s + np.arange(0.0, ahead_s, FLEET.step_s))
+        return float(np.linalg.norm(positions - holder.position_m, axis=1).min()) < self._fleet.held_apart_m
 
     def _passes_holders(self, own: FleetPosition, holders: list[FleetPosition]) -> bool:
-        way = np.vstack([own.place_m, own.way_m])
+        path = np.vstack([own.position_m, own.path_m])
         return all(
-            self._least_m(holder.place_m[None], way) >= self._fleet.separation_m
+            self._least_m(holder.position_m[None], path) >= self._fleet.separation_m
             for holder in holders
             if holder is not own
         )
 
     @staticmethod
-    def _least_m(places_m: FloatArray, way_m: FloatArray) -> float:
+    def _least_m(positions_m: FloatArray, path_m: FloatArray) -> float:
         """Least distance of (n, 3) positions from a (k, 3) line."""
-        begin = np.repeat(way_m[:-1], len(places_m), axis=0)
-        end = np.repeat(way_m[1:], len(places_m), axis=0)
-        points = np.tile(places_m, (len(way_m) - 1, 1))
+        begin = np.repeat(path_m[:-1], len(positions_m), axis=0)
+        end = np.repeat(path_m[1:], len(positions_m), axis=0)
+        points = np.tile(positions_m, (len(path_m) - 1, 1))
         return float(segment_distances_m(points, points, begin, end).min())
 
 
 def _as_planned(flight: FleetPosition) -> _Ahead:
     """Positions of a flight at times from now if it goes on, also one that holds now."""
-    return lambda times_s: flight.timeline.places_m(flight.progress_s + times_s)
+    return lambda times_s: flight.timeline.positions_m(flight.progress_s + times_s)
 
 
-def _length_m(way_m: FloatArray) -> float:
-    return float(np.linalg.norm(np.diff(way_m, axis=0), axis=1).sum())
+def _length_m(path_m: FloatArray) -> float:
+    return float(np.linalg.norm(np.diff(path_m, axis=0), axis=1).sum())
 
 
-def _way_times_s(flight: FleetPosition) -> tuple[FloatArray, FloatArray]:
+def _path_times_s(flight: FleetPosition) -> tuple[FloatArray, FloatArray]:
     """When a vehicle that flies home now passes the points of its way, and these."""
-    way_m = np.vstack([flight.place_m, flight.way_m])
-    legs_m = np.diff(way_m, axis=0)
+    path_m = np.vstack([flight.position_m, flight.path_m])
+    legs_m = np.diff(path_m, axis=0)
     over_s = np.hypot(legs_m[:, 0], legs_m[:, 1]) / flight.pace_m_s[0]
-    return np.concatenate([[0.0], np.cumsum(np.maximum(over_s, np.abs(legs_m[:, 2]) / flight.pace_m_s[1]))]), way_m
+    return np.concatenate([[0.0], np.cumsum(np.maximum(over_s, np.abs(legs_m[:, 2]) / flight.pace_m_s[1]))]), path_m
 
 
-def _way_s(flight: FleetPosition) -> float:
-    return float(_way_times_s(flight)[0][-1])
+def _path_s(flight: FleetPosition) -> float:
+    return float(_path_times_s(flight)[0][-1])
 
 
-def _along_way(flight: FleetPosition) -> _Ahead:
-    times, way_m = _way_times_s(flight)
-    return lambda times_s: np.column_stack([np.interp(times_s, times, axis) for axis in way_m.T])
+def _along_path(flight: FleetPosition) -> _Ahead:
+    times, path_m = _path_times_s(flight)
+    return lambda times_s: np.column_stack([np.interp(times_s, times, axis) for axis in path_m.T])

@@ -13,7 +13,7 @@ class _Fleet:
     ready_before_s: float
     new_battery_s: float
     least_gain_m: float
-    lately_s: float
+    recent_s: float
     less_at_start: float
     knows_home_s: float
     reserve_every_s: float

@@ -219,13 +219,13 @@ def parts_within(need: MemoryNeed, limit: int, *, parts: int, most_parts: int, g
     enough = next((count for count in range(parts, most + 1) if need.total(count, 1) <= limit), None)
     if enough is None:
         raise InputError(
-            f"--memory: planning {need.cells:,.0f} cells takes at least about {in_words(need.total(most, 1))}; raise "
+            f"--memory: planning {need.cells:,.0f} cells takes at least about {count_text(need.total(most, 1))}; raise "
             "the limit to this amount, or set a larger area.cell_size_m"
         )
     if given:
         raise InputError(
             f"--memory: {parts} {'parts take' if parts > 1 else 'part takes'} about "
-            f"{in_words(need.total(parts, 1))}; use --parts {enough} or --parts auto"
+            f"{count_text(need.total(parts, 1))}; use --parts {enough} or --parts auto"
         )
     return enough
 
@@ -236,7 +236,7 @@ def at_a_time_within(need: MemoryNeed, limit: int, *, parts: int, workers: int) 
     return max(1, min(workers, int((limit - need.command) / each)))
 
 
-def in_words(count: float) -> str:
+def count_text(count: float) -> str:
     """Bytes, such as ``1.5 GiB``, rounded up."""
     tens = -(-count // (10 * MIB))
     return f"{10 * tens:.0f} MiB" if tens < 102 else f"{-(-count // (102.4 * MIB)) / 10:.1f} GiB"
@@ -269,7 +269,7 @@ def divided(site: Site, settings: PlannerSettings, request: SearchRequest) -> Di
     at_a_time = at_a_time_within(need, request.memory_bytes, parts=within, workers=processes or threads)
     _log.info(
         "--memory: %d %s, %d at a time, about %s", within, "parts" if within > 1 else "part", at_a_time,
-        in_words(need.total(within, at_a_time)),
+        count_text(need.total(within, at_a_time)),
     )  # fmt: skip
     if processes is None:
         return Division(within, min(threads, at_a_time), None)

@@ -29,8 +29,8 @@ from uavcover.planner.search.local_search import (
     SearchPace,
     Work,
     best_starts,
+    promising_starts,
     scattered_problem,
-    starts_worth_looking_at,
 )
 from uavcover.planner.search.route_problem import RouteJudge
 from uavcover.planner.search.tuning import TUNED
@@ -82,23 +82,23 @@ class PartCells:
         self._task = task
         self._area = task.area
 
-    def asked(self, coverage: CoverageMap) -> CoverageMap:
+    def required(self, coverage: CoverageMap) -> CoverageMap:
         """The map, with only these cells to observe."""
         task = self._task
         own = np.asarray(shapely.contains_xy(self._area, *coverage.grid.middles_m.T))
         if task.route_m is None:
-            return coverage.asking(own)
-        by_itself = coverage.seen(task.route_m)
-        first = self._seen_by(coverage, first=True)
-        later = self._seen_by(coverage, first=False)
-        return coverage.asking(~first & (by_itself | (own & ~later)))
+            return coverage.restricted_to(own)
+        by_itself = coverage.observed(task.route_m)
+        first = self._observed_by(coverage, first=True)
+        later = self._observed_by(coverage, first=False)
+        return coverage.restricted_to(~first & (by_itself | (own & ~later)))
 
-    def _seen_by(self, coverage: CoverageMap, *, first: bool) -> BoolArray:
-        seen = np.zeros(coverage.grid.count, dtype=bool)
+    def _observed_by(self, coverage: CoverageMap, *, first: bool) -> BoolArray:
+        observed = np.zeros(coverage.grid.count, dtype=bool)
         for neighbour in self._task.neighbours:
             if neighbour.first == first:
-                seen |= coverage.seen(neighbour.route_m)
-        return seen
+                observed |= coverage.observed(neighbour.route_m)
+        return observed
 
 
 def search_part(site: Site, task: PartTask, *, now: Callable[[], float], should_stop: Callable[[], bool]) -> Route:
@@ -110,7 +110,7 @@ def search_part(site: Site, task: PartTask, *, now: Callable[[], float], should_
         now: the clock of a budget.
         should_stop: called between batches; the best so far is returned.
     """
-    part = dataclasses.replace(site, area=_looked_at(site, task), whole=site, block_cells=None)
+    part = dataclasses.replace(site, area=_searched_area(site, task), whole=site, block_cells=None)
     try:
         return _search(part, task, now=now, should_stop=should_stop)
     finally:
@@ -120,12 +120,12 @@ def search_part(site: Site, task: PartTask, *, now: Callable[[], float], should_
 def _search(part: Site, task: PartTask, *, now: Callable[[], float], should_stop: Callable[[], bool]) -> Route:
     begin = now()
     cells = PartCells(task)
-    scattered = cells.asked(CoverageMap(part, cell_size_m=part.scenario.area.cell_size_m, cut=make_scattered_cells))
+    scattered = cells.required(CoverageMap(part, cell_size_m=part.scenario.area.cell_size_m, cut=make_scattered_cells))
     problem = scattered_problem(scattered)
-    judges = [cells.asked(each) for each in judging_maps(part)]
+    judges = [cells.required(each) for each in judging_maps(part)]
     lines = _constructed(part, task.goal) if task.route_m is None else [Route(task.route_m)]
-    starts = starts_worth_looking_at(
-        problem, lines, task.goal, lambda route: scattered.share_of_coverable(scattered.seen(route.waypoints_m))
+    starts = promising_starts(
+        problem, lines, task.goal, lambda route: scattered.fraction_of_coverable(scattered.observed(route.waypoints_m))
     )
     pace: SearchPace
     if task.budget_s is None:
@@ -138,7 +138,7 @@ def _search(part: Site, task: PartTask, *, now: Callable[[], float], should_stop
     def judged(route: Route) -> float:
         key = route.waypoints_m.tobytes()
         if key not in known:
-            known[key] = min(each.share_of_coverable(each.seen(route.waypoints_m)) for each in judges)
+            known[key] = min(each.fraction_of_coverable(each.observed(route.waypoints_m)) for each in judges)
         return known[key]
 
     # a short search may end with worse than what it began with.
@@ -159,13 +159,13 @@ def _search(part: Site, task: PartTask, *, now: Callable[[], float], should_stop
     return min(found, key=merit)
 
 
-def _looked_at(site: Site, task: PartTask) -> Piece:
+def _searched_area(site: Site, task: PartTask) -> Piece:
     """The part; later what its route observes beside it, too."""
     if task.route_m is None:
         return task.area
     reach_m = horizontal_reach(site.scenario.sensor.sight) + site.scenario.area.cell_size_m
-    seen = shapely.union(task.area, shapely.LineString(task.route_m[:, :2]).buffer(reach_m))
-    return polygons_of(shapely.intersection(seen, site.area))
+    observed = shapely.union(task.area, shapely.LineString(task.route_m[:, :2]).buffer(reach_m))
+    return polygons_of(shapely.intersection(observed, site.area))
 
 
 def _constructed(part: Site, goal: float) -> list[Route]:
@@ -194,16 +194,16 @@ def _straight(part: Site, goal: float) -> list[Route]:
     """The best boustrophedons of a short scan."""
     batches = iter([False])
     coarse = planning_map(part)
-    asked = goal * coarse.share(coarse.coverable)
+    required = goal * coarse.fraction(coarse.coverable)
     tried = boustrophedons(coarse, should_stop=lambda: next(batches, True))
     return [
         fly_layout(part, dataclasses.replace(each.layout, start=start))
-        for each in sorted(tried, key=lambda b: (b.violation, _merit(b, asked)))[:_STRAIGHT]
+        for each in sorted(tried, key=lambda b: (b.violation, _merit(b, required)))[:_STRAIGHT]
         if each.layout is not None
         for start in (0, 1)
     ]
 
 
-def _merit(baseline: Baseline, asked: float) -> float:
+def _merit(baseline: Baseline, required: float) -> float:
     """Cost, with a penalty for missing coverage."""
-    return TUNED.goal.start_cost(float(baseline.objectives[2]), -float(baseline.objectives[0]), asked)
+    return TUNED.goal.start_cost(float(baseline.objectives[2]), -float(baseline.objectives[0]), required)

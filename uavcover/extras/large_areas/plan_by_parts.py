@@ -15,11 +15,11 @@ from uavcover.errors import InputError
 from uavcover.extras.large_areas.part_search import Neighbour, PartTask, search_part
 from uavcover.extras.large_areas.sortie_parts import SortiePart, may_have_sorties, sortie_parts
 from uavcover.kernels.arrays import FloatArray, IntArray
+from uavcover.kernels.path_cost import ENERGY, route_cost
 from uavcover.kernels.sight import horizontal_reach
-from uavcover.kernels.way_cost import ENERGY, route_cost
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.missions.objectives import mission_cost
-from uavcover.missions.way_cost import way_cost_of
+from uavcover.missions.path_cost import path_cost_of
 from uavcover.model.route import Plan, Route
 from uavcover.model.scenario import PlannerSettings
 from uavcover.planner.baselines.adaptive_swaths import (
@@ -40,7 +40,7 @@ from uavcover.planner.baselines.boustrophedon import (
     plain_boustrophedon,
     to_lines_frame,
 )
-from uavcover.planner.budget import SHARES
+from uavcover.planner.budget import FRACTIONS
 from uavcover.planner.division import divide, flight_work
 from uavcover.planner.final_choice import choose
 from uavcover.planner.front import NamedRoute, judge_members
@@ -60,7 +60,7 @@ from uavcover.sensing.site_maps import RunBlocks, judging_map, look_at_all, one_
 # besides. A slice has a few lines of a route that bends over the whole area; one behind the other the slices are that
 # route.
 
-_SHARES = (1 / 32, *TIGHT)
+_FRACTIONS = (1 / 32, *TIGHT)
 """Tolerances of legs to their height, as fractions of the band.
 
 On 10,000 km² with relief of 900 m the least is best: 119 lines in 11,875 km, where 1/16 takes 121 in 12,075.
@@ -115,10 +115,10 @@ def _best_lines(site: Site, coarse: CoverageMap, goal: float) -> tuple[SwathLayo
     """Feasible lines of least cost, with their missing coverage at its price; None if none is feasible."""
     along_rad = long_side_angle_rad(site.area)
     found: list[_Lines] = []
-    for angle_rad, share in itertools.product((along_rad, along_rad + 0.5 * math.pi), _SHARES):
-        fitting = _lines(site, coarse, goal, tight_layouts(site, angle_rad, share=share, more=0))
-        enough = max(each.seen for each in fitting) >= goal
-        others = tight_layouts(site, angle_rad, share=share, more=-1 if enough else 1)
+    for angle_rad, fraction in itertools.product((along_rad, along_rad + 0.5 * math.pi), _FRACTIONS):
+        fitting = _lines(site, coarse, goal, tight_layouts(site, angle_rad, fraction=fraction, more=0))
+        enough = max(each.observed for each in fitting) >= goal
+        others = tight_layouts(site, angle_rad, fraction=fraction, more=-1 if enough else 1)
         found += fitting + _lines(site, coarse, goal, others)
     best = min(found, key=lambda each: each.merit)
     return None if math.isinf(best.merit) else (best.layout, best.bent)
@@ -129,21 +129,21 @@ class _Lines(NamedTuple):
 
     layout: SwathLayout
     bent: BentLines
-    seen: float
+    observed: float
     merit: float
 
 
 def _lines(site: Site, coarse: CoverageMap, goal: float, layouts: Sequence[SwathLayout]) -> list[_Lines]:
     """Lines of layouts that differ by their inset."""
-    way, surface, margin_m = way_cost_of(site), site.ground.surface, site.scenario.limits.height_margin_m
+    path_cost, surface, margin_m = path_cost_of(site), site.ground.surface, site.scenario.limits.height_margin_m
     bent = bend_lines(site, layouts[0])
     found = []
     for layout in layouts:
         route_m = fly_tight(site, layout, bent).waypoints_m
-        seen = coarse.share_of_coverable(coarse.seen(route_m))
-        merit = TUNED.goal.start_cost(float(route_cost(surface, way, route_m)), seen, goal)
+        observed = coarse.fraction_of_coverable(coarse.observed(route_m))
+        merit = TUNED.goal.start_cost(float(route_cost(surface, path_cost, route_m)), observed, goal)
         broken = measure_violations(site, route_m, margin_m=margin_m).total > 0.0
-        found.append(_Lines(layout, bent, seen, math.inf if broken else merit))
+        found.append(_Lines(layout, bent, observed, math.inf if broken else merit))
     return found
 
 
@@ -186,7 +186,7 @@ def _fly(site: Site, layout: SwathLayout, bent: BentLines, first: int, end: int)
 RunTasks = Callable[[Site, Sequence[PartTask]], Iterator[tuple[PartTask, FloatArray]]]
 """Search in parts of a site: each task with the waypoints of its route, in any order."""
 
-_ROUNDS = SHARES.part_rounds
+_ROUNDS = FRACTIONS.part_rounds
 
 
 _FLOWN = 0.98
@@ -267,13 +267,15 @@ def plan_by_parts(
     areas, routes, comparison = _divided(site, parts, goal, executor, or_sorties=or_sorties)
     found: list[Route] = []
     aim = goal
-    seen = 0.0
+    observed = 0.0
     # two further rounds, as long as the last one, while the joined route lacks the required coverage
-    for number, share in enumerate((*_ROUNDS, *_ROUNDS[-1:] * 2)):
-        if found and (run.should_stop() or (number >= len(_ROUNDS) and seen >= goal)):
+    for number, fraction in enumerate((*_ROUNDS, *_ROUNDS[-1:] * 2)):
+        if found and (run.should_stop() or (number >= len(_ROUNDS) and observed >= goal)):
             break
-        budget_s = None if effort.budget_s is None else SHARES.parts * share * effort.budget_s * workers / len(areas)
-        evaluations = max(1, int(share * effort.evaluations / len(areas)))
+        budget_s = (
+            None if effort.budget_s is None else FRACTIONS.parts * fraction * effort.budget_s * workers / len(areas)
+        )
+        evaluations = max(1, int(fraction * effort.evaluations / len(areas)))
         tasks = tasks_of(
             site, areas, routes, aim, round_number=number, seed=settings.seed, evaluations=evaluations,
             budget_s=budget_s,
@@ -284,18 +286,18 @@ def plan_by_parts(
             done_m[task.number] = route_m
             searched = sum(_ROUNDS[:number]) + sum(_ROUNDS[number : number + 1]) * len(done_m) / len(tasks)
             done = min(effort.evaluations, round(searched * effort.evaluations))
-            run.on_progress(SearchProgress(done, effort.evaluations, seen, None))
+            run.on_progress(SearchProgress(done, effort.evaluations, observed, None))
         routes = [done_m[task.number] for task in tasks]
         steepest_deg = site.scenario.limits.max_climb_angle_deg
         whole = Route(joined(site, in_good_order(routes, site.home_m, max_climb_angle_deg=steepest_deg)))
         found.append(whole)
         look_at_all(fine, [whole.waypoints_m], run_blocks)
-        seen = fine.share_of_coverable(fine.seen(whole.waypoints_m))
+        observed = fine.fraction_of_coverable(fine.observed(whole.waypoints_m))
         if know_each_other:  # before that, what they observe twice is no sign
-            missing = with_safety(goal) - seen
+            missing = with_safety(goal) - observed
             aim = min(1.0, aim + float(np.clip(missing, -_LARGEST_CORRECTION, _LARGEST_CORRECTION)))
         done = min(effort.evaluations, round(sum(_ROUNDS[: number + 1]) * effort.evaluations))
-        run.on_progress(SearchProgress(done, effort.evaluations, seen, None))
+        run.on_progress(SearchProgress(done, effort.evaluations, observed, None))
     interrupted = len(found) < len(_ROUNDS) or run.should_stop()
     baselines = comparison()
     look_at_all(fine, [route.waypoints_m for route, _ in baselines], run_blocks)
@@ -356,12 +358,12 @@ def tasks_of(
     if routes is None:
         return tasks
     reach_m = horizontal_reach(site.scenario.sensor.sight) + site.scenario.area.cell_size_m
-    ways = [shapely.LineString(route[:, :2]) for route in routes]
-    tree = shapely.STRtree([way.buffer(reach_m) for way in ways])
+    paths = [shapely.LineString(route[:, :2]) for route in routes]
+    tree = shapely.STRtree([path.buffer(reach_m) for path in paths])
     with_routes = []
-    for task, area, route, way in zip(tasks, areas, routes, ways, strict=True):
+    for task, area, route, path in zip(tasks, areas, routes, paths, strict=True):
         # Who observes some of what this part is asked about: its own ground, and what its route observes.
-        near = tree.query(shapely.union(area, way.buffer(reach_m)), predicate="intersects")
+        near = tree.query(shapely.union(area, path.buffer(reach_m)), predicate="intersects")
         neighbours = tuple(
             Neighbour(routes[k], first=(k < task.number) == (round_number % 2 == 1))
             for k in sorted(near.tolist())
@@ -399,16 +401,16 @@ def _baselines(coarse: CoverageMap, goal: float) -> list[NamedRoute]:
     """The plain boustrophedon, and of each kind the best of those with the fewest lines along the long side."""
     site = coarse.site
     plain = fly_layout(site, plain_boustrophedon(site))
-    share = goal * coarse.share(coarse.coverable)
+    fraction = goal * coarse.fraction(coarse.coverable)
 
     def merit(tuned: Baseline) -> tuple[float, float, float]:
-        return tuned.violation, max(0.0, share + float(tuned.objectives[0])), float(tuned.objectives[2])
+        return tuned.violation, max(0.0, fraction + float(tuned.objectives[0])), float(tuned.objectives[2])
 
-    best = {each.name: each for each in sorted(fewest_lines(coarse, share, turns=1), key=merit, reverse=True)}
+    best = {each.name: each for each in sorted(fewest_lines(coarse, fraction, turns=1), key=merit, reverse=True)}
     return [(plain, BOUSTROPHEDON), *((each.route, name) for name, each in best.items())]
 
 
 def _least_cost(site: Site, routes: Sequence[NamedRoute]) -> float:
     """The least cost of missions that fly one of the routes, each in as many flights as it takes."""
     costs = [mission_cost(site, route) for route, _ in routes]
-    return min(cost.energy_hover_s if way_cost_of(site).unit == ENERGY else cost.time_s for cost in costs)
+    return min(cost.energy_hover_s if path_cost_of(site).unit == ENERGY else cost.time_s for cost in costs)

@@ -18,10 +18,10 @@ from shapely.affinity import affine_transform
 
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import leg_time
-from uavcover.kernels.way_cost import battery_s, flight_s, route_cost
+from uavcover.kernels.path_cost import battery_s, flight_s, route_cost
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.missions.objectives import straight_flight_costs
-from uavcover.missions.way_cost import way_cost_of
+from uavcover.missions.path_cost import path_cost_of
 from uavcover.planner.baselines.boustrophedon import best_height_agl_m
 from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.scenario.site import Site
@@ -95,16 +95,16 @@ class Sector:
         """Whether there is nothing of the area in it."""
         return bool(self._own.is_empty)
 
-    def bounds_m(self, shares: Sequence[float] | FloatArray) -> FloatArray:
+    def bounds_m(self, fractions: Sequence[float] | FloatArray) -> FloatArray:
         """(layers + 1,) ascending distances from home, along the axis, between layers with given fractions of the ground.
 
         Args:
-            shares: (layers,) of the ground, the layer farthest from home first.
+            fractions: (layers,) of the ground, the layer farthest from home first.
         """
         nearest, _, farthest, _ = self._own.bounds
         distances = np.linspace(nearest, farthest, 65)
         below = np.array([0.0, *(self._own.intersection(self._band(nearest - 1.0, far)).area for far in distances[1:])])
-        wanted = below[-1] * np.cumsum(list(shares)[::-1]) / sum(shares)
+        wanted = below[-1] * np.cumsum(list(fractions)[::-1]) / sum(fractions)
         return np.array([nearest - 1.0, *np.interp(wanted[:-1], below, distances), farthest + 1.0])
 
     def pieces(self, bounds_m: FloatArray) -> list[Piece]:
@@ -138,9 +138,9 @@ class Sector:
         there = self._spoke(-1.0, layer, self._strips_from_m, inner)
         back = self._spoke(1.0, layer, self._strips_from_m, outer)[::-1]
         if len(back):
-            way = back[-1] - back[0]
-            inset_m = min(self._swath.inset_m, 0.5 * float(np.hypot(*way)))
-            back[0] += inset_m * way / max(float(np.hypot(*way)), 1e-9)
+            chord = back[-1] - back[0]
+            inset_m = min(self._swath.inset_m, 0.5 * float(np.hypot(*chord)))
+            back[0] += inset_m * chord / max(float(np.hypot(*chord)), 1e-9)
         ordered = [line[:: 1 if (k % 2 == 0) == other_end else -1] for k, line in enumerate(across)]
         corners = np.vstack([there, *ordered, back])
         if len(corners) == 0:
@@ -184,8 +184,8 @@ class Sector:
     def _near_home(self, corner: FloatArray) -> FloatArray:
         """Passage of a straight path between home and a corner near home inside the area; nothing without one."""
         away_m = float(np.hypot(*corner))
-        place = corner * min(0.5, _NEAREST * self._swath.width_m / max(away_m, 1e-9))
-        return place[None] if self._own.intersects(shapely.Point(place)) else np.empty((0, 2))
+        position = corner * min(0.5, _NEAREST * self._swath.width_m / max(away_m, 1e-9))
+        return position[None] if self._own.intersects(shapely.Point(position)) else np.empty((0, 2))
 
     def _ray(self, sign: float) -> tuple[FloatArray, FloatArray]:
         """The direction of a side, and that from it into the sector."""
@@ -278,7 +278,7 @@ class SortiePart:
 def may_have_sorties(site: Site) -> bool:
     """Whether flights are limited and their ways count."""
     limited = site.scenario.vehicle.longest_flight_s is not None
-    return limited and site.home_m is not None and not site.scenario.vehicles and way_cost_of(site).mission == 1
+    return limited and site.home_m is not None and not site.scenario.vehicles and path_cost_of(site).mission == 1
 
 
 def sortie_parts(site: Site, coarse: CoverageMap, goal: float) -> list[SortiePart]:
@@ -310,10 +310,10 @@ def sortie_parts(site: Site, coarse: CoverageMap, goal: float) -> list[SortiePar
         made = plans.divided(best[1], best[2], spacing, balancings=_FINAL_BALANCINGS)
         if not made or any(plans.breaks_limits(part.begin_m) for part in made):
             return []
-        seen = np.zeros(coarse.grid.count, dtype=bool)
+        observed = np.zeros(coarse.grid.count, dtype=bool)
         for part in made:
-            seen |= coarse.seen(part.begin_m)
-        if coarse.share_of_coverable(seen) >= goal - _ENOUGH:
+            observed |= coarse.observed(part.begin_m)
+        if coarse.fraction_of_coverable(observed) >= goal - _ENOUGH:
             return made
     return []
 
@@ -322,7 +322,7 @@ class _Sorties:
     """Divisions of one site."""
 
     def __init__(self, site: Site) -> None:
-        self._site, self._way = site, way_cost_of(site)
+        self._site, self._path_cost = site, path_cost_of(site)
         home = site.home_m
         self._home = (0.0, 0.0) if home is None else (float(home[0]), float(home[1]))
         limits = site.scenario.limits
@@ -340,24 +340,24 @@ class _Sorties:
     def first_guess(self, layers: int) -> int:
         """Sectors, by the ground alone."""
         pace, longest_s = pace_of(self._site), self._site.scenario.vehicle.longest_flight_s or math.inf
-        way_m = float(self._site.area.area) / (2.0 * self._reach_m)
-        flights = leg_time(pace, (0.0, 0.0, 0.0), (way_m, 0.0, 0.0)) / longest_s
+        transit_m = float(self._site.area.area) / (2.0 * self._reach_m)
+        flights = leg_time(pace, (0.0, 0.0, 0.0), (transit_m, 0.0, 0.0)) / longest_s
         return max(self.fewest_sectors, math.ceil(1.2 * flights / layers))
 
     def divided(self, sectors: int, layers: int, spacing: float, *, balancings: int) -> list[SortiePart]:
         """Parts with equal battery use. Empty where a part has no visible ground, or far more than a flight may take."""
         swath = Swath(2.0 * self._reach_m, spacing * 2.0 * self._reach_m, _INSET * self._reach_m)
-        ground, shares = np.diff(self._ground_m2), np.ones((sectors, layers))
+        ground, fractions = np.diff(self._ground_m2), np.ones((sectors, layers))
         best: list[SortiePart] = []
         for _ in range(balancings):
             so_far = np.concatenate([[0.0], np.cumsum(ground)])
             sides = np.interp(np.linspace(0.0, so_far[-1], sectors + 1), so_far, self._angles)
             made: list[list[SortiePart]] = []
-            for pair, share in zip(itertools.pairwise(sides), shares, strict=True):
+            for pair, fraction in zip(itertools.pairwise(sides), fractions, strict=True):
                 sector = Sector(self._site.area, self._home, *pair, layers, swath)
                 if sector.is_empty:
                     return best
-                bounds_m = sector.bounds_m(share)
+                bounds_m = sector.bounds_m(fraction)
                 flights = [self._flight(sector, layer, bounds_m) for layer in range(1, layers + 1)]
                 if any(len(flight) < 2 for flight in flights):
                     return best
@@ -370,20 +370,20 @@ class _Sorties:
             ground = ground * np.interp(
                 0.5 * (self._angles[1:] + self._angles[:-1]), 0.5 * (sides[1:] + sides[:-1]), heavy
             )
-            shares = shares * (loads.mean(axis=1, keepdims=True) / loads) ** _DAMPED
+            fractions = fractions * (loads.mean(axis=1, keepdims=True) / loads) ** _DAMPED
         return best
 
     def _flight(self, sector: Sector, layer: int, bounds_m: FloatArray) -> FloatArray:
         """(n, 3) over the terrain: of lines one more or fewer, begun at either end, the quickest over flat ground."""
         site = self._site
-        ways = [sector.lines(layer, bounds_m, more=more, other_end=end) for more in (0, 1) for end in (False, True)]
-        level = self._way._replace(deviation_price=0.0)
+        paths = [sector.lines(layer, bounds_m, more=more, other_end=end) for more in (0, 1) for end in (False, True)]
+        level = self._path_cost._replace(deviation_price=0.0)
 
-        def cost(way: FloatArray) -> float:
-            flat_m = np.column_stack([way, np.zeros(len(way))])
+        def cost(path: FloatArray) -> float:
+            flat_m = np.column_stack([path, np.zeros(len(path))])
             return float(route_cost(site.ground.surface, level, flat_m))
 
-        best = min((way for way in ways if len(way) > 1), key=cost, default=np.empty((0, 2)))
+        best = min((path for path in paths if len(path) > 1), key=cost, default=np.empty((0, 2)))
         if len(best) == 0:
             return np.empty((0, 3))
         heights_m = np.full(len(best), self._height_m)
@@ -391,7 +391,7 @@ class _Sorties:
 
     def _part(self, area: Piece, begin_m: FloatArray) -> SortiePart:
         # mission items of a way between home and the first place that is observed: a few waypoints
-        costs = straight_flight_costs(self._site, begin_m, way_items=4)
+        costs = straight_flight_costs(self._site, begin_m, transit_items=4)
         last = len(begin_m) - 1
         free = costs._replace(
             endurance_s=math.inf, item_limit=math.inf, energies=costs.energies._replace(usable_s=math.inf)
@@ -402,7 +402,9 @@ class _Sorties:
             battery_s(costs.energies, 0, last) / costs.energies.usable_s,
             items / costs.item_limit,
         )
-        return SortiePart(area, begin_m, float(route_cost(self._site.ground.surface, self._way, begin_m)), float(load))
+        return SortiePart(
+            area, begin_m, float(route_cost(self._site.ground.surface, self._path_cost, begin_m)), float(load)
+        )
 
     def breaks_limits(self, route_m: FloatArray) -> bool:
         """Whether a flight keeps no limit on legs."""

@@ -13,12 +13,12 @@ from mission_io.formats.csv_tables import header_of
 from mission_io.formats.text import text_from_bytes
 from uavcover.errors import InputError
 from uavcover.extras.photos.judge_photos import judge_photos
-from uavcover.extras.photos.lists import LOGS, reports_pictures
+from uavcover.extras.photos.lists import LOGS, reports_photos
+from uavcover.extras.photos.photo import survey_as_flown
 from uavcover.extras.photos.photo_judgement import PhotoRequest
 from uavcover.extras.photos.photo_verdict import PhotoVerdict
-from uavcover.extras.photos.picture import survey_as_flown
 from uavcover.extras.photos.placing import Assumptions
-from uavcover.extras.photos.readers import ENDINGS, LISTS, read_pictures
+from uavcover.extras.photos.readers import ENDINGS, LISTS, read_photos
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.verdict import Requirement, noted
 from uavcover.new.elevation_questions import NewRequest
@@ -29,10 +29,10 @@ from uavcover.run.provenance import with_entry
 from uavcover.run.user import User, percent, to_paste
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site
-from uavcover.sensing.pictures import PictureCounts
+from uavcover.sensing.photos import PhotoCounts
 from uavcover.sensing.sensors import frame_camera
-from uavcover.verification.command import JudgedPictures, verify_run
-from uavcover.verification.flown_coverage import GivenEvidence, PictureEvidence
+from uavcover.verification.command import JudgedPhotos, verify_run
+from uavcover.verification.flown_coverage import GivenEvidence, PhotoEvidence
 from uavcover.verification.judged_track import track_positions_m
 from uavcover.verification.run_logs import LOG_ENDINGS, read_log
 
@@ -53,11 +53,11 @@ _IN_FLIGHT_M = 5.0
 
 def evidence_of(logs: Sequence[Path], photos: Sequence[Path], *, system: int | None = None) -> GivenEvidence:
     """Separate tracks from photos among the given logs; the given photos remain photos."""
-    seen = [path for path in logs if _is_of_pictures(path)]
-    return GivenEvidence(tuple(path for path in logs if path not in seen), (*seen, *photos), system)
+    photo_lists = [path for path in logs if _is_of_photos(path)]
+    return GivenEvidence(tuple(path for path in logs if path not in photo_lists), (*photo_lists, *photos), system)
 
 
-def _is_of_pictures(path: Path) -> bool:
+def _is_of_photos(path: Path) -> bool:
     ending = path.suffix.lower()
     if path.is_dir() or ending in ENDINGS:
         return True
@@ -106,19 +106,19 @@ def verify_evidence(
     run.existing("scenario.toml", made_by="uavcover plan")
     with run.reserved((), force=True):
         run.remove(VERDICT_FILES)  # if the photos cannot be read, no older verdict must remain
-    asked = replace(request, photos=evidence.photos, area=None, scenario=run.path, refly=False, force=True)
-    verdict, document = judge_photos(asked, RunFolder(run.file(PHOTOS)), user, command=command)
+    requested = replace(request, photos=evidence.photos, area=None, scenario=run.path, refly=False, force=True)
+    verdict, document = judge_photos(requested, RunFolder(run.file(PHOTOS)), user, command=command)
     if not evidence.logs and not was_flown(run):
         user.warn("without a track, only the photo coverage is judged, not heights, limits or no-fly zones")
         return document
-    pictures = JudgedPictures(evidence_for_flight(verdict), document)
+    photos = JudgedPhotos(evidence_for_flight(verdict), document)
     _, whole = verify_run(
-        run, user, command=command, logs=evidence.logs, accepted=accepted, pictures=pictures, system=evidence.system
+        run, user, command=command, logs=evidence.logs, accepted=accepted, photos=photos, system=evidence.system
     )
     return whole
 
 
-def evidence_for_flight(verdict: PhotoVerdict) -> PictureEvidence:
+def evidence_for_flight(verdict: PhotoVerdict) -> PhotoEvidence:
     """Findings of a verdict on photos for the flight that took them."""
     document, shown = verdict.document, verdict.shown
     found = (
@@ -142,9 +142,9 @@ def evidence_for_flight(verdict: PhotoVerdict) -> PictureEvidence:
         for finding in verdict.judgement.findings
         if finding.effect != "noted"
     ]
-    counts = PictureCounts(shown.pictures, shown.coverage.ground_sample_m, document["counted"], shown.looks)
+    counts = PhotoCounts(shown.photos, shown.coverage.ground_sample_m, document["counted"], shown.looks)
     finding = f"coverage was computed from {document['counted']} photos, not from the track"
-    return PictureEvidence(shown.coverage, counts, (*missed, noted(finding)))
+    return PhotoEvidence(shown.coverage, counts, (*missed, noted(finding)))
 
 
 def run_of_flight(
@@ -179,14 +179,14 @@ def run_of_flight(
                 f"{log}: this log is in the folder of its plan; omit --area: "
                 f"{to_paste('verify', log.parent, '--log', log)}, or copy it"
             )
-    own = tuple(log for log in evidence.logs if log.suffix.lower() in LOGS and reports_pictures(log))
+    own = tuple(log for log in evidence.logs if log.suffix.lower() in LOGS and reports_photos(log))
     photos = evidence.photos or own
     overlaps = area.overlap is not None and bool(photos)
-    found = read_pictures(evidence.photos).pictures if evidence.photos else ()
+    found = read_photos(evidence.photos).photos if evidence.photos else ()
 
     def heights_m(site: Site) -> FloatArray:
         heights = np.concatenate(
-            [site.ground.heights_agl_m(_places_m(log, site, evidence.system)) for log in evidence.logs]
+            [site.ground.heights_agl_m(_positions_m(log, site, evidence.system)) for log in evidence.logs]
         )
         if np.isnan(heights).all():
             raise InputError(
@@ -227,8 +227,8 @@ def run_of_flight(
             max_height_agl_m=highest_m + 10.0 if ceiling_m is None else ceiling_m,
             max_transit_height_agl_m=ceiling_m,
         )  # fmt: skip
-        asked = scenario.requirements
-        requirements = replace(asked, min_overlap_fraction=asked.min_overlap_fraction if overlaps else None)
+        requested = scenario.requirements
+        requirements = replace(requested, min_overlap_fraction=requested.min_overlap_fraction if overlaps else None)
         drawn = scenario.area if area.margin else replace(scenario.area, margin_m=0.0)
         text = dump_scenario(replace(scenario, area=drawn, sensor=sensor, limits=limits, requirements=requirements))
         out.write_text("scenario.toml", text)
@@ -253,12 +253,12 @@ def _record(out: RunFolder, logs: Sequence[Path], command: Sequence[str]) -> Non
     out.write_json("run.json", with_entry(start, "verify", command=command, inputs=inputs, wrote=wrote))
 
 
-def _places_m(log: Path, site: Site, system: int | None) -> FloatArray:
+def _positions_m(log: Path, site: Site, system: int | None) -> FloatArray:
     return track_positions_m(site, read_log(log, site, system=system).track)
 
 
 def _away_km(log: Path, site: Site, system: int | None) -> float:
-    return float(shapely.distance(site.area, shapely.points(_places_m(log, site, system)[:, :2])).min()) / 1000.0
+    return float(shapely.distance(site.area, shapely.points(_positions_m(log, site, system)[:, :2])).min()) / 1000.0
 
 
 def _take_off(log: Path, site: Site, system: int | None) -> str:

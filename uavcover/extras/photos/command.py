@@ -65,7 +65,7 @@ def judge_photos(
         raise InputError(f"judge-photos: {survey.given()[0]} requires --area; the scenario already defines it")
     request = PhotoRequest(
         photos=photos, area=None if area is None else survey.request(area, autopilot=None), scenario=scenario,
-        assumed=Assumptions(**belief.assumed()), takeoff=belief.place(), coverage=coverage,
+        assumed=Assumptions(**belief.assumed()), takeoff=belief.position(), coverage=coverage,
         mount_known=area is None or survey.mount is not None,
         refly=refly, budget_s=options.seconds(budget), force=force, detection=search.curve(), pod=search.pod,
         max_blur_px=belief.max_blur,

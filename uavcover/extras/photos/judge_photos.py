@@ -10,17 +10,17 @@ import shapely
 
 from mission_io.model.plain_text import counted
 from uavcover.errors import InfeasibleError, InputError
+from uavcover.extras.photos.photo import CAMERA_FILE, survey_as_flown
 from uavcover.extras.photos.photo_judgement import BLUR_PX, PhotoRequest, judged, placed_in
-from uavcover.extras.photos.photo_verdict import PhotoVerdict, footprints_geojson, frame_of, photo_raster, picture_table
-from uavcover.extras.photos.picture import CAMERA_FILE, survey_as_flown
-from uavcover.extras.photos.readers import PictureSet, read_pictures
+from uavcover.extras.photos.photo_verdict import PhotoVerdict, footprints_geojson, frame_of, photo_raster, photo_table
+from uavcover.extras.photos.readers import PhotoSet, read_photos
 from uavcover.model.area import Area
 from uavcover.planner.command import PlanRequest, plan_into
 from uavcover.run.folder import RunFolder, json_text
 from uavcover.run.user import User, percent
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.pictures import overlap_rule
+from uavcover.sensing.photos import overlap_rule
 from uavcover.sensing.sensors import frame_camera
 from uavcover.verification.gaps import cells_outline, gaps_geojson
 
@@ -40,7 +40,7 @@ def judge_photos(
     if request.coverage is not None and not 0.0 < request.coverage <= 1.0:
         raise InputError(f"--coverage: must be above 0 and at most 1, not {request.coverage:g}")
     with user.progress("reading photos") as bar:
-        found = read_pictures(request.photos, progress=bar.count)
+        found = read_photos(request.photos, progress=bar.count)
     for note in found.notes:
         user.say(f"{'photos read':18}{note}")
     with out.reserved((*FILES, CAMERA_FILE, f"{REFLY}/plan.json"), force=request.force):
@@ -49,13 +49,13 @@ def judge_photos(
         files: dict[str, str | bytes] = {
             "scenario.toml": text,
             "photos.json": json_text(verdict.document),
-            "pictures.csv": picture_table(verdict, site),
+            "pictures.csv": photo_table(verdict, site),
             "gaps.geojson": json_text(_gaps(verdict)),
             "footprints.geojson": json_text(footprints_geojson(verdict)),
             "photos.tif": photo_raster(verdict),
         }
         out.write_together(files)
-    _say(verdict, user)
+    _print(verdict, user)
     document = verdict.document | {"files": [str(out.file(name)) for name in FILES], "refly": None}
     if request.refly and verdict.lacking.any():
         document["refly"] = _refly(verdict, out, request, user, command=command)
@@ -77,7 +77,7 @@ def _gaps(verdict: PhotoVerdict) -> dict[str, Any]:
     return collection
 
 
-def _site(request: PhotoRequest, found: PictureSet, out: RunFolder, user: User) -> tuple[Site, str]:
+def _site(request: PhotoRequest, found: PhotoSet, out: RunFolder, user: User) -> tuple[Site, str]:
     """The survey on its ground, and the text of its scenario."""
     if request.scenario is not None:
         path = request.scenario / "scenario.toml" if request.scenario.is_dir() else request.scenario
@@ -97,7 +97,7 @@ def _site(request: PhotoRequest, found: PictureSet, out: RunFolder, user: User) 
             )
         return height_m
 
-    scenario = survey_as_flown(request.area, found.pictures, height_agl_m, user, out=out)
+    scenario = survey_as_flown(request.area, found.photos, height_agl_m, user, out=out)
     return scenario.site, scenario.text
 
 
@@ -132,8 +132,8 @@ def missing_site(verdict: PhotoVerdict) -> Site:
     level_m = float(verdict.coverage.grid.cells.centre_m[:, 2].mean())
 
     def ring(line: shapely.LinearRing) -> tuple[tuple[float, float], ...]:
-        places = shapely.get_coordinates(line)[:-1]
-        lat, lon, _ = frame.geodetic_from_enu(np.column_stack([places, np.full(len(places), level_m)]))
+        positions = shapely.get_coordinates(line)[:-1]
+        lat, lon, _ = frame.geodetic_from_enu(np.column_stack([positions, np.full(len(positions), level_m)]))
         return tuple((round(float(x), 8), round(float(y), 8)) for x, y in zip(lon, lat, strict=True))
 
     parts = tuple((ring(part.exterior), *(ring(hole) for hole in part.interiors)) for part in shapely.get_parts(region))
@@ -144,7 +144,7 @@ def missing_site(verdict: PhotoVerdict) -> Site:
     return load_site(replace(site.scenario, name=name, description="gaps in the photos", area=area))
 
 
-def _say(verdict: PhotoVerdict, user: User) -> None:
+def _print(verdict: PhotoVerdict, user: User) -> None:
     document = verdict.document
     user.say(
         f"{'photos':18}{document['pictures']}, {document['counted']} count; {document['direction_known']} have camera angles"
@@ -215,16 +215,16 @@ def _say(verdict: PhotoVerdict, user: User) -> None:
 
 
 def _detection_lines(document: dict[str, Any]) -> list[str]:
-    shares = document["pod_percentiles"]
-    asked, words = document["asked"], ""
-    if asked is not None:
-        words = f"; required {percent(asked)}: {'met' if document['holds'] else 'NOT MET'}"
+    fractions = document["pod_percentiles"]
+    required, words = document["asked"], ""
+    if required is not None:
+        words = f"; required {percent(required)}: {'met' if document['holds'] else 'NOT MET'}"
     lines = [
         f"{'detection':18}{percent(document['pod'])} over the area ({document['title']}){words}",
         f"{'':18}with only the best photo: {percent(document['pod_best_look'])}; with all photos as independent: "
         f"{percent(document['pod_every_picture'])}",
-        f"{'':18}{percent(shares['5'])} or less on 5 % of the area, {percent(shares['50'])} or less on half of it",
+        f"{'':18}{percent(fractions['5'])} or less on 5 % of the area, {percent(fractions['50'])} or less on half of it",
     ]
-    if asked is not None:
-        lines.append(f"{'':18}{document['area_below_m2']:.0f} square metres below {percent(asked)}")
+    if required is not None:
+        lines.append(f"{'':18}{document['area_below_m2']:.0f} square metres below {percent(required)}")
     return lines

@@ -23,7 +23,7 @@ from mission_io.formats.csv_tables import sniff
 from mission_io.formats.text import text_from_bytes
 from mission_io.model.plain_text import counted
 from uavcover.errors import TrackError
-from uavcover.extras.photos.picture import RTK_FIXED, HeightDatum, Picture, finite, moment
+from uavcover.extras.photos.photo import RTK_FIXED, HeightDatum, Photo, finite, moment
 from uavcover.kernels.arrays import FloatArray
 from uavcover.verification.track_logs.logged_rows import LoggedRows
 from uavcover.verification.track_logs.readers import READERS, attitudes_at
@@ -32,7 +32,7 @@ _LARGEST = 100_000_000
 _DEGREES = CRS.from_epsg(4326)
 
 
-def read_geo_txt(path: Path) -> list[Picture]:
+def read_geo_txt(path: Path) -> list[Photo]:
     """Read ODM's geolocation file, without its angles, which ODM does not use for positions either.
 
     Raises:
@@ -46,20 +46,20 @@ def read_geo_txt(path: Path) -> list[Picture]:
     if not (crs.is_geographic or crs.is_projected):
         raise TrackError(f"{path}: line 1: {head[:60]!r} is not a map projection; use one such as EPSG:4326")
     to_degrees = None if crs.is_geographic else Transformer.from_crs(crs, _DEGREES, always_xy=True)
-    pictures = []
+    photos = []
     for number, words in lines[1:]:
         values = [finite(word) for word in words[1:9]]
         if len(values) < 2 or values[0] is None or values[1] is None:
             raise TrackError(f"{path}: line {number}: expected a name, x and y, not {' '.join(words)[:80]!r}")
         lon, lat = (values[0], values[1]) if to_degrees is None else to_degrees.transform(values[0], values[1])
         values += [None] * (8 - len(values))
-        pictures.append(
-            Picture(
+        photos.append(
+            Photo(
                 name=words[0], lat_deg=finite(lat), lon_deg=finite(lon), alt_m=values[2],
                 horizontal_error_m=values[6] or None, vertical_error_m=values[7] or None,
             )
         )  # fmt: skip
-    return pictures
+    return photos
 
 
 def _projection(text: str, path: Path) -> CRS:
@@ -74,7 +74,7 @@ def _projection(text: str, path: Path) -> CRS:
         ) from error
 
 
-def read_images_json(path: Path) -> list[Picture]:
+def read_images_json(path: Path) -> list[Photo]:
     """Read the list of photos that ODM writes. Raises TrackError: it is none."""
     try:
         rows = json.loads(_text(path))
@@ -82,13 +82,13 @@ def read_images_json(path: Path) -> list[Picture]:
         raise TrackError(f"{path}: the file is not valid JSON ({str(error)[:100]})") from error
     if not isinstance(rows, list) or not all(isinstance(row, dict) and "filename" in row for row in rows):
         raise TrackError(f"{path}: not an ODM list of photos (filename, latitude, longitude, altitude)")
-    pictures = []
+    photos = []
     for row in rows:
         off_nadir = finite(row.get("pitch"))
         known = off_nadir is not None and finite(row.get("yaw")) is not None
         time_ms = finite(row.get("utc_time"))
-        pictures.append(
-            Picture(
+        photos.append(
+            Photo(
                 name=str(row["filename"]), lat_deg=finite(row.get("latitude")), lon_deg=finite(row.get("longitude")),
                 alt_m=finite(row.get("altitude")), time_s=None if time_ms is None else 1e-3 * time_ms,
                 clock=None if time_ms is None else path.name,
@@ -102,7 +102,7 @@ def read_images_json(path: Path) -> list[Picture]:
                 capture_id=str(row["capture_uuid"]) if row.get("capture_uuid") else None,
             )
         )  # fmt: skip
-    return pictures
+    return photos
 
 
 def _pixels(row: Mapping[str, Any]) -> tuple[int, int] | None:
@@ -117,9 +117,9 @@ _MRK = re.compile(
 )
 
 
-def read_mrk(path: Path) -> list[Picture]:
+def read_mrk(path: Path) -> list[Photo]:
     """Read DJI's image log; photos are named by their number. Raises TrackError: it is none."""
-    pictures = []
+    photos = []
     for number, line in enumerate(_text(path).splitlines(), start=1):
         if not line.strip():
             continue
@@ -128,13 +128,13 @@ def read_mrk(path: Path) -> list[Picture]:
             raise TrackError(f"{path}: line {number}: {line[:60]!r} is not a row of a DJI image log")
         values = [float(row[k]) for k in (2, 3, 4, 5, 6, 7, 8, 9)]
         seconds, week, lat, lon, height, north, east, up = values
-        pictures.append(
-            Picture(
+        photos.append(
+            Photo(
                 name=f"{int(row[1]):04d}", lat_deg=lat, lon_deg=lon, alt_m=height, datum=HeightDatum.ELLIPSOID,
                 time_s=7 * 86_400.0 * week + seconds, clock="GPS", horizontal_error_m=max(north, east), vertical_error_m=up,
             )
         )  # fmt: skip
-    return pictures
+    return photos
 
 
 _SEXAGESIMAL = re.compile(
@@ -151,7 +151,7 @@ _MAY_BE_ODD = {"exposure_s", "focal_length_mm", "focal_length_35mm", "digital_zo
 """Columns in which ExifTool may print words such as "undef"."""
 
 
-def read_table(path: Path) -> list[Picture]:
+def read_table(path: Path) -> list[Photo]:
     """Read a table with column names in its first row: at least a name, latitude, longitude and a height.
 
     Tables of ExifTool (``-csv``) have these, as it prints them (``8 deg 27' 55.22" N``, ``390.7 m Above Sea Level``), or as
@@ -178,9 +178,9 @@ def read_table(path: Path) -> list[Picture]:
         }
 
     table = read_document("uavcover/data/photo_columns.toml")
-    place, references, texts = columns(table["columns"]), columns(table["references"]), columns(table["texts"])
-    lacking = [key for key in ("name", "lat_deg", "lon_deg") if key not in place]
-    if not {"alt_m", "alt_ellipsoid_m", "height_above_takeoff_m"} & set(place):
+    position, references, texts = columns(table["columns"]), columns(table["references"]), columns(table["texts"])
+    lacking = [key for key in ("name", "lat_deg", "lon_deg") if key not in position]
+    if not {"alt_m", "alt_ellipsoid_m", "height_above_takeoff_m"} & set(position):
         lacking.append("alt_m")
     if lacking:
         raise TrackError(
@@ -191,7 +191,10 @@ def read_table(path: Path) -> list[Picture]:
         _of_row(
             path,
             number,
-            *({key: cells[k] if k < len(cells) else "" for key, k in of.items()} for of in (place, references, texts)),
+            *(
+                {key: cells[k] if k < len(cells) else "" for key, k in of.items()}
+                for of in (position, references, texts)
+            ),
         )
         for number, cells in rows[1:]
     ]
@@ -199,7 +202,7 @@ def read_table(path: Path) -> list[Picture]:
 
 def _of_row(
     path: Path, line: int, cells: Mapping[str, str], references: Mapping[str, str], texts: Mapping[str, str]
-) -> Picture:
+) -> Photo:
     numbers: dict[str, float | None] = {}
     for key in cells.keys() - {"name", "time_s"}:
         value = numbers[key] = _number(key, cells[key])
@@ -220,7 +223,7 @@ def _of_row(
     time_s, zone_known = (finite(taken), False) if finite(taken) is not None else moment(taken)
     camera = f"{texts.get('make', '')} {texts.get('model', '')}".strip() or None
     clock = " ".join(filter(None, (path.name, camera, texts.get("serial"))))
-    return Picture(
+    return Photo(
         name=cells["name"] or f"row {line}", datum=HeightDatum.ELLIPSOID if by_ellipsoid else HeightDatum.SEA_LEVEL,
         time_s=time_s, clock=None if time_s is None else "UTC" if zone_known else clock, utc_s=time_s if zone_known else None,
         camera=camera, capture_id=texts.get("capture_id") or None, pixels=_pixels(texts), **numbers,  # type: ignore[arg-type]
@@ -268,7 +271,7 @@ def _text(path: Path) -> str:
 LOGS = (".bin", ".tlog", ".ulg")
 
 
-def read_log(path: Path) -> tuple[list[Picture], tuple[str, ...]]:
+def read_log(path: Path) -> tuple[list[Photo], tuple[str, ...]]:
     """The photos of a log, numbered in order of time, and notes on them.
 
     The position of a photo is the logged one, otherwise that of the vehicle at the time; its height and the attitude are those of
@@ -278,30 +281,30 @@ def read_log(path: Path) -> tuple[list[Picture], tuple[str, ...]]:
         TrackError: the log is missing, has no positions, or records no photos.
     """
     rows = READERS[path.suffix.lower()](path)
-    if rows.pictures is None or not len(rows.pictures):
+    if rows.photos is None or not len(rows.photos):
         raise TrackError(
             f"{path}: the log records no photos (CAM, TRIG, CAMERA_FEEDBACK, camera_capture); use verify --log"
         )
-    pictures = _pictures(path, rows)
-    outside = len(rows.pictures) - len(pictures)
+    photos = _photos(path, rows)
+    outside = len(rows.photos) - len(photos)
     words = (
         f"{path.name}: {counted(outside, 'photo was', 'photos were')} taken outside the time of the track and therefore "
         f"{'has no height; it is' if outside == 1 else 'have no height; they are'} not counted",
     )
-    return pictures, (*rows.warnings, *(words if outside else ()))
+    return photos, (*rows.warnings, *(words if outside else ()))
 
 
-def reports_pictures(path: Path) -> bool:
+def reports_photos(path: Path) -> bool:
     """Whether a log reports any photo. Raises TrackError: it cannot be read."""
-    pictures = READERS[path.suffix.lower()](path).pictures
-    return pictures is not None and len(pictures) > 0
+    photos = READERS[path.suffix.lower()](path).photos
+    return photos is not None and len(photos) > 0
 
 
-def _pictures(path: Path, rows: LoggedRows) -> list[Picture]:
+def _photos(path: Path, rows: LoggedRows) -> list[Photo]:
     has_fix = np.isfinite(rows.positions).all(axis=1) & (rows.positions[:, 1:3] != 0.0).any(axis=1)
     positions = rows.positions[has_fix]
     positions = positions[np.argsort(positions[:, 0], kind="stable")]
-    reports: FloatArray = np.asarray(rows.pictures).reshape(-1, 3)
+    reports: FloatArray = np.asarray(rows.photos).reshape(-1, 3)
     reports = reports[np.argsort(reports[:, 0], kind="stable")]
     inside = (
         (reports[:, 0] >= positions[0, 0]) & (reports[:, 0] <= positions[-1, 0])
@@ -316,7 +319,7 @@ def _pictures(path: Path, rows: LoggedRows) -> list[Picture]:
     lat, lon = np.where(placed, reports[:, 1], lat), np.where(placed, reports[:, 2], lon)
     attitude = attitudes_at(reports[:, 0], rows.attitudes.reshape(-1, 4))
     return [
-        Picture(
+        Photo(
             name=f"{path.stem}-{k + 1:04d}", lat_deg=float(lat[k]), lon_deg=float(lon[k]), alt_m=float(alt[k]),
             time_s=float(reports[k, 0]), clock=path.name, vehicle_roll_deg=finite(attitude[k, 0]),
             vehicle_pitch_deg=finite(attitude[k, 1]), vehicle_yaw_deg=finite(attitude[k, 2]),

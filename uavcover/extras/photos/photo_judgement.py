@@ -10,17 +10,17 @@ import numpy as np
 import shapely
 
 from uavcover.errors import InfeasibleError, InputError
+from uavcover.extras.photos.photo import FILM_DIAGONAL_MM, LENS_DIFFERS, Photo
 from uavcover.extras.photos.photo_verdict import PhotoVerdict, blur_px, clocks_of, frame_of
-from uavcover.extras.photos.picture import FILM_DIAGONAL_MM, LENS_DIFFERS, Picture
 from uavcover.extras.photos.placing import (
     Assumptions,
-    PlacedPictures,
+    LocatedPhotos,
     direction_doubts,
     height_doubts,
+    locate_photos,
     missing_stretches,
-    place_pictures,
 )
-from uavcover.extras.photos.readers import PictureSet
+from uavcover.extras.photos.readers import PhotoSet
 from uavcover.extras.photos.showing import detection_document, detection_doubts, shown_cells
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.sensor import FrameCamera
@@ -30,7 +30,7 @@ from uavcover.new.elevation_questions import NewRequest
 from uavcover.run.user import User
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.pictures import OVERLAP_FRACTION, drawn_cells, pictures_asked
+from uavcover.sensing.photos import OVERLAP_FRACTION, drawn_cells, photos_required
 from uavcover.sensing.sensors import frame_camera
 from uavcover.sensing.site_maps import judging_map
 from uavcover.terrain.frames import LocalFrame
@@ -68,7 +68,7 @@ class PhotoRequest:
     max_blur_px: float | None = None
 
 
-def placed_in(request: PhotoRequest, found: PictureSet, site: Site, frame: LocalFrame) -> PlacedPictures:
+def placed_in(request: PhotoRequest, found: PhotoSet, site: Site, frame: LocalFrame) -> LocatedPhotos:
     """The photos of the site's camera in its frame.
 
     Raises:
@@ -77,61 +77,61 @@ def placed_in(request: PhotoRequest, found: PictureSet, site: Site, frame: Local
     assumed = request.assumed
     if request.takeoff is not None:
         lat, lon = request.takeoff
-        place = frame.enu_from_geodetic(lat, lon, 0.0)
-        ground_m = float(site.ground.heights_m(place[:, :2])[0])
+        position = frame.enu_from_geodetic(lat, lon, 0.0)
+        ground_m = float(site.ground.heights_m(position[:, :2])[0])
         if not math.isfinite(ground_m):
             raise InputError(f"--takeoff: {lat:g}, {lon:g} is outside the elevation data; write latitude first")
-        place[0, 2] = ground_m
-        _, _, alt = frame.geodetic_from_enu(place)
+        position[0, 2] = ground_m
+        _, _, alt = frame.geodetic_from_enu(position)
         assumed = replace(assumed, takeoff_alt_amsl_m=float(alt[0]))
     sensor = frame_camera(site.scenario.sensor, source=f"scenario {site.scenario.name}")
     if request.mount_known:
         assumed = replace(assumed, mounted=sensor)
-    others = _of_other_cameras(found.pictures, sensor)
-    same = [p for p in found.pictures if p.name not in others]
+    others = _of_other_cameras(found.photos, sensor)
+    same = [p for p in found.photos if p.name not in others]
     if not same:
         name, why = next(iter(others.items()))
         raise InputError(
             f"no photo was taken with this camera ({name}: {why}); specify another --camera, or omit it to derive "
             "the camera from the photos"
         )
-    placed = place_pictures(same, frame, assumed)
+    placed = locate_photos(same, frame, assumed)
     if np.isnan(site.ground.heights_agl_m(placed.eyes_m)).all():
         away = shapely.distance(site.area, shapely.points(placed.eyes_m[:, :2])) / 1000.0
         raise InputError(
-            f"all {len(placed.pictures)} photos were taken outside the elevation data, {float(away.min()):.0f} km or "
+            f"all {len(placed.photos)} photos were taken outside the elevation data, {float(away.min()):.0f} km or "
             "more from the area; are latitude and longitude swapped, or do the photos belong to another area?"
         )
     return replace(placed, left_out=others | placed.left_out)
 
 
-def _of_other_cameras(pictures: Sequence[Picture], sensor: FrameCamera) -> dict[str, str]:
+def _of_other_cameras(photos: Sequence[Photo], sensor: FrameCamera) -> dict[str, str]:
     """Reasons why photos are not of a camera, by their names: other pixels, another shape, another lens or zoom."""
     across, along = (math.tan(math.radians(0.5 * fov)) for fov in (sensor.fov_across_deg, sensor.fov_along_deg))
     film_mm = 0.5 * FILM_DIAGONAL_MM / math.hypot(across, along)
     shape = max(across, along) / min(across, along)
     found: dict[str, str] = {}
-    for picture in pictures:
-        if picture.pixels is not None:
-            long, short = picture.pixels
+    for photo in photos:
+        if photo.pixels is not None:
+            long, short = photo.pixels
             if sensor.pixels_across is not None and long != sensor.pixels_across:
-                found[picture.name] = (
+                found[photo.name] = (
                     f"{long} x {short} pixels: the photo is from a different camera; the specified one has "
                     f"{sensor.pixels_across} pixels across"
                 )
             elif not abs(long / max(short, 1) / shape - 1.0) <= _SAME_SHAPE:
-                found[picture.name] = f"{long} x {short} pixels: the photo is cropped (camera: {shape:.2f} to 1)"
-        lens_mm = picture.focal_length_35mm
+                found[photo.name] = f"{long} x {short} pixels: the photo is cropped (camera: {shape:.2f} to 1)"
+        lens_mm = photo.focal_length_35mm
         if lens_mm is not None and not abs(lens_mm / film_mm - 1.0) <= LENS_DIFFERS:
             found.setdefault(
-                picture.name,
+                photo.name,
                 f"its focal length corresponds to {lens_mm:.0f} mm on 35 mm film, but the camera's to {film_mm:.0f} "
                 "mm: the lens or zoom differs",
             )
     return found
 
 
-def judged(request: PhotoRequest, found: PictureSet, site: Site, user: User) -> PhotoVerdict:
+def judged(request: PhotoRequest, found: PhotoSet, site: Site, user: User) -> PhotoVerdict:
     """The verdict on photos of a site.
 
     Raises:
@@ -170,8 +170,8 @@ def judged(request: PhotoRequest, found: PictureSet, site: Site, user: User) -> 
             judgement = Judgement(
                 tuple(replace(each, effect="not proved") for each in judgement.findings if each.effect != "noted")
             )
-            seen, perhaps = verdict.shown.coverage, with_them.shown.coverage.possibly_seen
-            shown = replace(verdict.shown, coverage=replace(seen, possibly_seen=seen.possibly_seen | perhaps))
+            observed, perhaps = verdict.shown.coverage, with_them.shown.coverage.possible_cells
+            shown = replace(verdict.shown, coverage=replace(observed, possible_cells=observed.possible_cells | perhaps))
             verdict = replace(verdict, shown=shown)
     if verdict.shown.detection is not None:
         doubts += _warned(detection_doubts(verdict.shown.detection, verdict.shown.coverage.ground_sample_m), user)
@@ -196,7 +196,7 @@ def _judgement(document: Mapping[str, Any]) -> Judgement:
 
 
 def _too_blurred(
-    request: PhotoRequest, placed: PlacedPictures, blur: FloatArray
+    request: PhotoRequest, placed: LocatedPhotos, blur: FloatArray
 ) -> tuple[dict[str, str], dict[str, str]]:
     """Reasons against photos that are too blurred or whose blur is not known, by their names."""
     limit = request.max_blur_px
@@ -206,10 +206,10 @@ def _too_blurred(
     return (
         {
             p.name: f"blurred by {b:.2f} pixels; --max-blur allows at most {limit:g}"
-            for p, b in zip(placed.pictures, blur, strict=True)
+            for p, b in zip(placed.photos, blur, strict=True)
             if b > limit
         },
-        {p.name: unknown for p, b in zip(placed.pictures, blur, strict=True) if math.isnan(b)},
+        {p.name: unknown for p, b in zip(placed.photos, blur, strict=True) if math.isnan(b)},
     )
 
 
@@ -217,18 +217,20 @@ def _counted(
     request: PhotoRequest,
     coverage: CoverageMap,
     site: Site,
-    placed: PlacedPictures,
+    placed: LocatedPhotos,
     blur: FloatArray,
     left_out: Mapping[str, str],
 ) -> PhotoVerdict:
     """Coverage by photos, without some of them; the document is not written yet."""
-    kept = np.array([picture.name not in left_out for picture in placed.pictures])
+    kept = np.array([photo.name not in left_out for photo in placed.photos])
     placed = placed.without(left_out)
     shown = shown_cells(coverage, placed, request.detection)
     overlaps = request.area is None or request.area.overlap is not None
-    asked = pictures_asked(site.scenario.sensor) if overlaps else None
-    verdict = PhotoVerdict(site, coverage, placed, shown, drawn_cells(coverage), asked, blur[kept], [], Judgement(), {})
-    return replace(verdict, gaps=find_gaps(coverage, verdict.asked_coverage))
+    photos_needed = photos_required(site.scenario.sensor) if overlaps else None
+    verdict = PhotoVerdict(
+        site, coverage, placed, shown, drawn_cells(coverage), photos_needed, blur[kept], [], Judgement(), {}
+    )
+    return replace(verdict, gaps=find_gaps(coverage, verdict.coverage_as_required))
 
 
 def _warned(doubts: list[str], user: User) -> list[str]:
@@ -237,7 +239,7 @@ def _warned(doubts: list[str], user: User) -> list[str]:
     return doubts
 
 
-def _whole(request: PhotoRequest, site: Site, sensor: FrameCamera, placed: PlacedPictures) -> FrameCamera:
+def _whole(request: PhotoRequest, site: Site, sensor: FrameCamera, placed: LocatedPhotos) -> FrameCamera:
     """The camera with its whole photo at any distance; only the user's requirements limit it."""
     grid = judging_map(site).grid
     highest = float(placed.eyes_m[:, 2].max() - grid.cells.centre_m[:, 2].min())
@@ -254,8 +256,11 @@ def _required(request: PhotoRequest, site: Site) -> tuple[float, float]:
     """The required fraction of the visible ground, and that of the area in which the overlap has to hold."""
     if request.area is not None:
         return request.coverage or USUAL_COVERAGE, OVERLAP_FRACTION
-    asked = site.scenario.requirements
-    return request.coverage or asked.min_coverage_of_coverable, asked.min_overlap_fraction or OVERLAP_FRACTION
+    requirements = site.scenario.requirements
+    return (
+        request.coverage or requirements.min_coverage_of_coverable,
+        requirements.min_overlap_fraction or OVERLAP_FRACTION,
+    )
 
 
 def _answer(sure: float, possible: float, wanted: float) -> Holds:
@@ -263,21 +268,25 @@ def _answer(sure: float, possible: float, wanted: float) -> Holds:
 
 
 def _document(
-    request: PhotoRequest, found: PictureSet, verdict: PhotoVerdict, heights_m: FloatArray, blur_unknown: int
+    request: PhotoRequest, found: PhotoSet, verdict: PhotoVerdict, heights_m: FloatArray, blur_unknown: int
 ) -> dict[str, Any]:
     placed, shown, coverage, drawn = verdict.placed, verdict.shown, verdict.coverage, verdict.drawn
-    asked = verdict.asked
+    photos_needed = verdict.required
     weight = coverage.grid.weight_m2
-    can_be = drawn & (coverage.coverable | shown.coverage.seen)
+    can_be = drawn & (coverage.coverable | shown.coverage.observed)
     if not can_be.any():
         raise InfeasibleError("this camera cannot observe any part of the area within the limits")
 
-    def share(cells: BoolArray) -> float:
+    def fraction(cells: BoolArray) -> float:
         return float(weight[cells & can_be].sum() / weight[can_be].sum())
 
     flown = shown.coverage
-    seen, sure, possible = share(flown.seen), share(flown.surely_seen), share(flown.possibly_seen)
-    overlap = None if asked is None else float(weight[drawn & (shown.pictures >= asked)].sum() / weight[drawn].sum())
+    observed, sure, possible = fraction(flown.observed), fraction(flown.certain_cells), fraction(flown.possible_cells)
+    overlap = (
+        None
+        if photos_needed is None
+        else float(weight[drawn & (shown.photos >= photos_needed)].sum() / weight[drawn].sum())
+    )
     required, overlap_required = _required(request, verdict.site)
     holds = None if overlap is None else overlap >= overlap_required
     answer = _answer(sure, possible, required)
@@ -289,10 +298,10 @@ def _document(
     if shown.detection is not None:
         found_by = detection_document(shown.detection, drawn, weight, request.pod)
     return {
-        "pictures": len(found.pictures),
+        "pictures": len(found.photos),
         "inputs": {"pictures": found.sha256},
-        "clocks": clocks_of(found.pictures),
-        "counted": len(placed.pictures),
+        "clocks": clocks_of(found.photos),
+        "counted": len(placed.photos),
         "looks": shown.looks,
         "left_out": placed.left_out,
         "direction_known": int(placed.direction_known.sum()),
@@ -300,17 +309,17 @@ def _document(
                          "highest": float(np.nanmax(heights_m))},
         "area_m2": float(weight[drawn].sum()),
         "coverable_area_m2": float(weight[can_be].sum()),
-        "coverage_of_coverable": seen,
+        "coverage_of_coverable": observed,
         "surely": sure,
         "possibly": possible,
         "required": required,
         "coverage_holds": answer,
-        "pictures_asked": asked,
+        "pictures_asked": photos_needed,
         "overlap_fraction": overlap,
         "overlap_required": None if overlap is None else overlap_required,
         "overlap_holds": holds,
         "detection": found_by,
-        "pictures_median": float(np.median(shown.pictures[drawn])),
+        "pictures_median": float(np.median(shown.photos[drawn])),
         "directions_median": float(np.median(shown.directions[drawn])),
         "ground_sample_median_m": float(np.median(samples)) if samples.size else None,
         "ground_sample_p95_m": float(np.percentile(samples, 95.0)) if samples.size else None,
@@ -318,6 +327,6 @@ def _document(
         "blur_not_known": blur_unknown,
         "blur_median_px": float(np.median(sharp)) if sharp.size else None,
         "blur_largest_px": float(sharp.max()) if sharp.size else None,
-        "blurred": [p.name for p, b in zip(placed.pictures, blur, strict=True) if b > BLUR_PX],
+        "blurred": [p.name for p, b in zip(placed.photos, blur, strict=True) if b > BLUR_PX],
         "gaps": [asdict(region.gap) for region in verdict.gaps],
     }  # fmt: skip

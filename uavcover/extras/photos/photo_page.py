@@ -16,7 +16,7 @@ from uavcover.errors import InputError, OutputError
 from uavcover.extras.photos.photo_verdict import PhotoVerdict, footprint_polygons, footprints_m, frame_of
 from uavcover.report.content import FIGURES
 from uavcover.report.map_data import (
-    REASON_WORDS,
+    REASON_TEXTS,
     CellLayer,
     cells_bounds_m,
     coverage_layer,
@@ -24,7 +24,7 @@ from uavcover.report.map_data import (
     gap_layer,
     geodetic_fit,
     label,
-    picture_layers,
+    photo_count_layers,
     ramp_layer,
     relief_image,
     rounded,
@@ -34,7 +34,7 @@ from uavcover.run.folder import write_text
 from uavcover.run.user import User, percent
 from uavcover.scenario.obstacles import rings_m
 from uavcover.scenario.site import area_as_drawn
-from uavcover.sensing.pictures import PictureCounts, overlap_rule
+from uavcover.sensing.photos import PhotoCounts, overlap_rule
 from uavcover.verification.gaps import gaps_geojson
 
 # A verdict on photos as a GeoPackage, by pyogrio, which is the extra ``gis``.
@@ -82,7 +82,7 @@ def write_geopackage(verdict: PhotoVerdict, path: Path, user: User, *, force: bo
     try:
         for layer, kind, (shapes, fields) in (
             ("footprints", "Polygon", _footprints(verdict)),
-            ("pictures", "Point Z", _pictures(verdict)),
+            ("pictures", "Point Z", _photos(verdict)),
             ("gaps", "MultiPolygon", _gaps(verdict)),
         ):
             pyogrio.raw.write(
@@ -102,16 +102,16 @@ Layer = tuple[Sequence[shapely.Geometry], Mapping[str, NDArray[Any]]]
 
 def _footprints(verdict: PhotoVerdict) -> Layer:
     found = list(footprint_polygons(verdict))
-    names = [verdict.placed.pictures[number].name for number, _ in found]
+    names = [verdict.placed.photos[number].name for number, _ in found]
     return [shape for _, shape in found], {"name": np.array(names, dtype=object)}
 
 
-def _pictures(verdict: PhotoVerdict) -> Layer:
+def _photos(verdict: PhotoVerdict) -> Layer:
     placed = verdict.placed
     lat, lon, alt = frame_of(verdict.site).geodetic_from_enu(placed.eyes_m)
     heights_m = verdict.site.ground.heights_agl_m(placed.eyes_m)
-    return [shapely.Point(*place) for place in np.column_stack([lon, lat, alt])], {
-        "name": np.array([picture.name for picture in placed.pictures], dtype=object),
+    return [shapely.Point(*position) for position in np.column_stack([lon, lat, alt])], {
+        "name": np.array([photo.name for photo in placed.photos], dtype=object),
         "alt_amsl_m": alt,
         "height_agl_m": heights_m,
         "tilt_deg": np.degrees(np.arccos(np.clip(-placed.axes[:, 2], -1.0, 1.0))),
@@ -147,7 +147,7 @@ def render_photo_report(verdict: PhotoVerdict) -> str:
             "document": document,
             "rows": _requirements(verdict),
             "gaps": [region.gap for region in verdict.gaps],
-            "reason_words": REASON_WORDS,
+            "reason_words": REASON_TEXTS,
             "drawn_every": footprints_drawn_every(verdict),
             "left_out": list(document["left_out"].items()),
             "max_rows": 30,
@@ -157,24 +157,24 @@ def render_photo_report(verdict: PhotoVerdict) -> str:
 
 def _requirements(verdict: PhotoVerdict) -> list[dict[str, Any]]:
     document = verdict.document
-    asked, found = f"at least {percent(document['required'])}", percent(document["surely"])
+    required, found = f"at least {percent(document['required'])}", percent(document["surely"])
     found += f"; possibly {percent(document['possibly'])}"
-    rows = [("Certain coverage of visible ground", asked, found, _HOLDS[document["coverage_holds"]])]
+    rows = [("Certain coverage of visible ground", required, found, _HOLDS[document["coverage_holds"]])]
     if document["pictures_asked"] is not None:
         rule = overlap_rule(verdict.site.scenario.sensor)
         name = f"Area in at least {document['pictures_asked']} photos" + ("" if rule is None else f" ({rule})")
-        asked, found = f"at least {percent(document['overlap_required'])}", percent(document["overlap_fraction"])
-        rows.append((name, asked, found, "yes" if document["overlap_holds"] else "NO"))
+        required, found = f"at least {percent(document['overlap_required'])}", percent(document["overlap_fraction"])
+        rows.append((name, required, found, "yes" if document["overlap_holds"] else "NO"))
     searched = document["detection"]
     if searched is not None:
         name = f"Probability of detection, mean over the area ({searched['title']})"
-        asked = "" if searched["asked"] is None else f"at least {percent(searched['asked'])}"
+        required = "" if searched["asked"] is None else f"at least {percent(searched['asked'])}"
         found = (
             f"{percent(searched['pod'])}; with only the best photo {percent(searched['pod_best_look'])}, with "
             "all photos as independent "
         )
         found += f"independent {percent(searched['pod_every_picture'])}"
-        rows.append((name, asked, found, {None: "not required", True: "yes", False: "NO"}[searched["holds"]]))
+        rows.append((name, required, found, {None: "not required", True: "yes", False: "NO"}[searched["holds"]]))
     return [dict(zip(("name", "asked", "found", "holds"), row, strict=True)) for row in rows]
 
 
@@ -224,7 +224,7 @@ def photo_map_data(verdict: PhotoVerdict) -> dict[str, Any]:
         "cells": [asdict(layer) for layer in photo_layers(verdict)],
         "pictures": {"planned": [], "flown": rounded(eyes), "unknown": 0},
         "footprints": [
-            {"name": verdict.placed.pictures[number].name, "ring": rounded(edge[:, :2])}
+            {"name": verdict.placed.photos[number].name, "ring": rounded(edge[:, :2])}
             for number, edge in footprints_m(verdict, every=footprints_drawn_every(verdict))
         ],
         "gaps": gap_data([region.gap for region in verdict.gaps]),
@@ -233,19 +233,17 @@ def photo_map_data(verdict: PhotoVerdict) -> dict[str, Any]:
 
 def footprints_drawn_every(verdict: PhotoVerdict) -> int:
     """Interval of the photos whose footprints are drawn."""
-    return max(1, math.ceil(len(verdict.placed.pictures) / MAX_FOOTPRINTS))
+    return max(1, math.ceil(len(verdict.placed.photos) / MAX_FOOTPRINTS))
 
 
 def photo_layers(verdict: PhotoVerdict) -> list[CellLayer]:
     """The cell layers of a verdict on photos; layers without any known value are omitted."""
     coverage, flown = verdict.coverage, verdict.shown.coverage
-    counts = PictureCounts(
-        verdict.shown.pictures, flown.ground_sample_m, len(verdict.placed.pictures), verdict.shown.looks
-    )
-    per_point, sample = picture_layers(coverage, counts, "flown", verdict.asked)
+    counts = PhotoCounts(verdict.shown.photos, flown.ground_sample_m, len(verdict.placed.photos), verdict.shown.looks)
+    per_point, sample = photo_count_layers(coverage, counts, "flown", verdict.required)
     directions = np.where(verdict.shown.directions > 0, verdict.shown.directions.astype(float), np.nan)
     layers = [
-        per_point, sample, coverage_layer(coverage, flown), gap_layer(coverage, verdict.asked_coverage),
+        per_point, sample, coverage_layer(coverage, flown), gap_layer(coverage, verdict.coverage_as_required),
         ramp_layer(coverage, "directions", "Directions of the cameras", directions, "viridis", label("{:.0f}")),
         ramp_layer(coverage, "incidence", "Incidence angle", flown.incidence_deg, "magma_r", label("{:.0f}°")),
     ]  # fmt: skip

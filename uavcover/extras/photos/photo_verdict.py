@@ -13,8 +13,8 @@ import shapely
 from numpy.typing import NDArray
 
 from uavcover.errors import InputError
-from uavcover.extras.photos.picture import Picture
-from uavcover.extras.photos.placing import PlacedPictures
+from uavcover.extras.photos.photo import Photo
+from uavcover.extras.photos.placing import LocatedPhotos
 from uavcover.extras.photos.showing import ShownCells
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.sensor import FrameCamera, Sensor
@@ -35,10 +35,10 @@ class PhotoVerdict:
 
     site: Site  # the site of the area, for planning a flight
     coverage: CoverageMap  # its cells with the whole photo in view
-    placed: PlacedPictures  # the photos that count
+    placed: LocatedPhotos  # the photos that count
     shown: ShownCells  # the ground that they show
     drawn: BoolArray  # (cells,) of the area without its margin
-    asked: int | None  # photos in which the overlap asked for puts each point; None if none is
+    required: int | None  # photos in which the overlap asked for puts each point; None if none is
     blur_px: FloatArray  # (n,) of each photo that counts, NaN if unknown
     gaps: list[GapRegion]  # areas with too few photos
     judgement: Judgement  # the decision, and its reasons
@@ -48,12 +48,12 @@ class PhotoVerdict:
     @property
     def needed(self) -> int:
         """Required number of photos of each cell."""
-        return self.asked or 1
+        return self.required or 1
 
     @property
-    def asked_coverage(self) -> FlownCoverage:
+    def coverage_as_required(self) -> FlownCoverage:
         """The coverage in which a cell counts as observed when it is in the required number of photos, and the margin."""
-        return replace(self.shown.coverage, seen=self.shown.enough(self.needed) | ~self.drawn)
+        return replace(self.shown.coverage, observed=self.shown.enough(self.needed) | ~self.drawn)
 
     @property
     def lacking(self) -> BoolArray:
@@ -68,22 +68,22 @@ def frame_of(site: Site) -> LocalFrame:
     return site.frame
 
 
-def blur_px(placed: PlacedPictures, sensor: Sensor, heights_m: FloatArray) -> FloatArray:
+def blur_px(placed: LocatedPhotos, sensor: Sensor, heights_m: FloatArray) -> FloatArray:
     """(n,) pixels by which the ground below moves while the shutter is open; NaN if unknown."""
     focal = sensor.focal_px
     speeds = _speeds_m_s(placed)
-    exposures = np.array([np.nan if p.exposure_s is None else p.exposure_s for p in placed.pictures])
+    exposures = np.array([np.nan if p.exposure_s is None else p.exposure_s for p in placed.photos])
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(heights_m > 0.0, speeds * exposures * focal / heights_m, np.nan)
 
 
-def _speeds_m_s(placed: PlacedPictures) -> FloatArray:
-    reported = np.array([np.nan if p.speed_m_s is None else p.speed_m_s for p in placed.pictures])
-    times = np.array([np.nan if p.time_s is None else p.time_s for p in placed.pictures])
+def _speeds_m_s(placed: LocatedPhotos) -> FloatArray:
+    reported = np.array([np.nan if p.speed_m_s is None else p.speed_m_s for p in placed.photos])
+    times = np.array([np.nan if p.time_s is None else p.time_s for p in placed.photos])
     if len(reported) < 2:
         return reported
     step_s, step_m = np.diff(times), np.linalg.norm(np.diff(placed.eyes_m, axis=0), axis=1)
-    clocks = [p.clock for p in placed.pictures]
+    clocks = [p.clock for p in placed.photos]
     same = np.array([one == other for one, other in itertools.pairwise(clocks)])
     with np.errstate(divide="ignore", invalid="ignore"):
         speed = np.where(same & (step_s > 0.0) & (step_s <= 10.0), step_m / step_s, np.nan)
@@ -91,16 +91,16 @@ def _speeds_m_s(placed: PlacedPictures) -> FloatArray:
     return np.where(np.isfinite(reported), reported, np.where(np.isfinite(onwards), onwards, before))
 
 
-def clocks_of(pictures: Sequence[Picture]) -> list[dict[str, Any]]:
+def clocks_of(photos: Sequence[Photo]) -> list[dict[str, Any]]:
     """Each clock of some photos: their number, first and last time, and the offset to UTC where it is known.
 
     A camera's clock without a zone shows local time, or what somebody set: its times are written without one.
     """
     clocks = []
-    for clock in sorted({p.clock for p in pictures if p.clock is not None}):
-        times = [p.time_s for p in pictures if p.clock == clock and p.time_s is not None]
+    for clock in sorted({p.clock for p in photos if p.clock is not None}):
+        times = [p.time_s for p in photos if p.clock == clock and p.time_s is not None]
         ahead = [
-            p.utc_s - p.time_s for p in pictures if p.clock == clock and p.utc_s is not None and p.time_s is not None
+            p.utc_s - p.time_s for p in photos if p.clock == clock and p.utc_s is not None and p.time_s is not None
         ]
         clocks.append(
             {
@@ -114,7 +114,7 @@ def clocks_of(pictures: Sequence[Picture]) -> list[dict[str, Any]]:
     return clocks
 
 
-def picture_table(verdict: PhotoVerdict, site: Site) -> str:
+def photo_table(verdict: PhotoVerdict, site: Site) -> str:
     """A row for each photo that counts, then those that do not."""
     heights_m = site.ground.heights_agl_m(verdict.placed.eyes_m)
     blur = verdict.blur_px
@@ -124,10 +124,10 @@ def picture_table(verdict: PhotoVerdict, site: Site) -> str:
     writer.writerow(
         ["name", "counted", "reason", "lat_deg", "lon_deg", "alt_amsl_m", "height_agl_m", "direction_known", "blur_px"]
     )
-    for k, picture in enumerate(verdict.placed.pictures):
+    for k, photo in enumerate(verdict.placed.photos):
         row = [f"{lat[k]:.7f}", f"{lon[k]:.7f}", f"{alt[k]:.2f}", f"{heights_m[k]:.1f}"]
         known = "yes" if verdict.placed.direction_known[k] else "no"
-        writer.writerow([picture.name, "yes", "", *row, known, f"{blur[k]:.2f}" if math.isfinite(blur[k]) else ""])
+        writer.writerow([photo.name, "yes", "", *row, known, f"{blur[k]:.2f}" if math.isfinite(blur[k]) else ""])
     for name, why in verdict.placed.left_out.items():
         writer.writerow([name, "no", why, "", "", "", "", "", ""])
     return text.getvalue()
@@ -136,7 +136,7 @@ def picture_table(verdict: PhotoVerdict, site: Site) -> str:
 def footprints_m(verdict: PhotoVerdict, *, every: int = 1) -> Iterator[tuple[int, FloatArray]]:
     """Number of each photo that counts, or of one in ``every``, and (k, 3) ENU, its footprint's edge on the ground."""
     sensor = frame_camera(verdict.coverage.site.scenario.sensor, source=verdict.site.scenario.name)
-    for number in range(0, len(verdict.placed.pictures), every):
+    for number in range(0, len(verdict.placed.photos), every):
         edge = footprint_m(verdict.placed, number, sensor, verdict.site.ground, reach_m=sensor.range_m)
         if len(edge) >= 3:
             yield number, edge
@@ -154,7 +154,7 @@ def footprints_geojson(verdict: PhotoVerdict) -> dict[str, Any]:
     """A polygon on the ground for each photo that counts (RFC 7946)."""
     features = []
     for number, shape in footprint_polygons(verdict):
-        properties = {"name": verdict.placed.pictures[number].name}
+        properties = {"name": verdict.placed.photos[number].name}
         features.append({"type": "Feature", "geometry": shapely.geometry.mapping(shape), "properties": properties})
     return {"type": "FeatureCollection", "features": features}
 
@@ -163,10 +163,10 @@ def photo_raster(verdict: PhotoVerdict) -> bytes:
     """Photos of each cell as a GeoTIFF."""
     coverage, shown = verdict.coverage, verdict.shown
     flown = shown.coverage
-    enough = replace(flown, seen=shown.enough(verdict.needed))
-    sureness = flown.seen.astype(float) + flown.possibly_seen + flown.surely_seen
+    enough = replace(flown, observed=shown.enough(verdict.needed))
+    sureness = flown.observed.astype(float) + flown.possible_cells + flown.certain_cells
     layers: list[tuple[str, str, NDArray[Any]]] = [
-        ("pictures", "photos that show the cell", shown.pictures),
+        ("pictures", "photos that show the cell", shown.photos),
         ("directions", "number of directions (out of nine: down, and eight compass directions)", shown.directions),
         ("ground_sample_m", "smallest ground sample distance in metres", flown.ground_sample_m),
         ("incidence_deg", "smallest incidence angle in degrees", flown.incidence_deg),
@@ -187,7 +187,7 @@ _A_SIDE = 4
 
 
 def footprint_m(
-    placed: PlacedPictures, number: int, sensor: FrameCamera, ground: Ground, *, reach_m: float
+    placed: LocatedPhotos, number: int, sensor: FrameCamera, ground: Ground, *, reach_m: float
 ) -> FloatArray:
     """(k, 3) ENU, the places where the edge of a photo first meets the ground, in order around it.
 
@@ -197,10 +197,10 @@ def footprint_m(
     right = np.cross(axis, top)
     across = np.tan(np.radians(0.5 * sensor.fov_across_deg))
     along = np.tan(np.radians(0.5 * sensor.fov_along_deg))
-    share = np.linspace(-1.0, 1.0, _A_SIDE + 1)[:-1]
+    fraction = np.linspace(-1.0, 1.0, _A_SIDE + 1)[:-1]
     one = np.ones(_A_SIDE)
-    x = np.concatenate([share, one, -share, -one]) * across
-    y = np.concatenate([-one, share, one, -share]) * along
+    x = np.concatenate([fraction, one, -fraction, -one]) * across
+    y = np.concatenate([-one, fraction, one, -fraction]) * along
     rays = axis + x[:, None] * right + y[:, None] * top
     rays /= np.linalg.norm(rays, axis=1)[:, None]
     distances = np.linspace(0.0, reach_m, 401)
@@ -214,5 +214,5 @@ def footprint_m(
         middle = 0.5 * (low + high)
         under = ground.heights_agl_m(eye + middle[:, None] * rays[met]) < 0.0
         low, high = np.where(under, low, middle), np.where(under, middle, high)
-    places: FloatArray = eye + high[:, None] * rays[met]
-    return places
+    positions: FloatArray = eye + high[:, None] * rays[met]
+    return positions

@@ -12,10 +12,10 @@ import numpy as np
 
 from mission_io.model.plain_text import counted
 from uavcover.errors import TerrainError, TrackError
-from uavcover.extras.photos.picture import HeightDatum, Picture
+from uavcover.extras.photos.photo import HeightDatum, Photo
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.sensor import FrameCamera
-from uavcover.sensing.pictures import camera_axes
+from uavcover.sensing.photos import camera_axes
 from uavcover.terrain.frames import LocalFrame, Undulation
 from uavcover.terrain.ground import Ground
 
@@ -41,10 +41,10 @@ class Assumptions:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlacedPictures:
+class LocatedPhotos:
     """The n photos with a position and a direction."""
 
-    pictures: tuple[Picture, ...]  # themselves
+    photos: tuple[Photo, ...]  # themselves
     eyes_m: FloatArray  # (n, 3) ENU
     axes: FloatArray  # (n, 3) unit vectors along their views
     tops: FloatArray  # (n, 3) unit vectors towards their tops
@@ -54,17 +54,17 @@ class PlacedPictures:
     turn_deg: FloatArray  # (n,) errors of directions
     left_out: dict[str, str]  # why the others do not count, by name
 
-    def without(self, why: Mapping[str, str]) -> "PlacedPictures":
+    def without(self, why: Mapping[str, str]) -> "LocatedPhotos":
         """Those that are not named; the others do not count any more, with the reason."""
-        kept = np.array([picture.name not in why for picture in self.pictures], dtype=bool)
-        return PlacedPictures(
-            tuple(picture for picture, keep in zip(self.pictures, kept, strict=True) if keep),
+        kept = np.array([photo.name not in why for photo in self.photos], dtype=bool)
+        return LocatedPhotos(
+            tuple(photo for photo, keep in zip(self.photos, kept, strict=True) if keep),
             np.ascontiguousarray(self.eyes_m[kept]), self.axes[kept], self.tops[kept], self.direction_known[kept],
             self.horizontal_m[kept], self.vertical_m[kept], self.turn_deg[kept], self.left_out | dict(why),
         )  # fmt: skip
 
 
-def place_pictures(pictures: Sequence[Picture], frame: LocalFrame, assumed: Assumptions) -> PlacedPictures:
+def locate_photos(photos: Sequence[Photo], frame: LocalFrame, assumed: Assumptions) -> LocatedPhotos:
     """Place photos in the local frame.
 
     A camera without known angles has the mount of ``assumed.mounted``. If that is unknown, too, it looks along
@@ -73,67 +73,67 @@ def place_pictures(pictures: Sequence[Picture], frame: LocalFrame, assumed: Assu
     Raises:
         TrackError: none can be placed, or heights above the ellipsoid cannot be converted to sea level.
     """
-    left_out = {picture.name: why for picture in pictures if (why := picture.lacks()) is not None}
-    placed = [picture for picture in pictures if picture.name not in left_out]
+    left_out = {photo.name: why for photo in photos if (why := photo.lacks()) is not None}
+    placed = [photo for photo in photos if photo.name not in left_out]
     by_takeoff = assumed.takeoff_alt_amsl_m is not None
     heights = []
-    for picture in list(placed):
-        height = picture.height_above_takeoff_m if by_takeoff else picture.alt_m
+    for photo in list(placed):
+        height = photo.height_above_takeoff_m if by_takeoff else photo.alt_m
         if height is None:
-            left_out[picture.name] = (
+            left_out[photo.name] = (
                 "no height above the take-off position"
                 if by_takeoff
                 else "only a height above take-off; specify --takeoff"
             )
-            placed.remove(picture)
+            placed.remove(photo)
         else:
             heights.append(height + (assumed.takeoff_alt_amsl_m or 0.0))
     if not placed:
-        raise TrackError(_none_placed(pictures, left_out))
-    lat = np.array([picture.lat_deg for picture in placed], dtype=float)
-    lon = np.array([picture.lon_deg for picture in placed], dtype=float)
+        raise TrackError(_none_placed(photos, left_out))
+    lat = np.array([photo.lat_deg for photo in placed], dtype=float)
+    lon = np.array([photo.lon_deg for photo in placed], dtype=float)
     alt_amsl_m = np.array(heights)
     if not by_takeoff:
-        above_ellipsoid = np.array([picture.datum is HeightDatum.ELLIPSOID for picture in placed])
+        above_ellipsoid = np.array([photo.datum is HeightDatum.ELLIPSOID for photo in placed])
         alt_amsl_m -= np.where(above_ellipsoid, _geoid_m(lat, lon, above_ellipsoid, assumed), 0.0)
     eyes = frame.enu_from_geodetic(lat, lon, alt_amsl_m)
-    known = np.array([picture.has_direction for picture in placed])
+    known = np.array([photo.has_direction for photo in placed])
     yaw, found = _yaws_deg(placed, eyes)
-    for picture, has_angles, some in zip(placed, known, found, strict=True):
+    for photo, has_angles, some in zip(placed, known, found, strict=True):
         if not has_angles and not some:
-            left_out[picture.name] = "no direction: no camera angles, no heading and no other photos on the same line"
+            left_out[photo.name] = "no direction: no camera angles, no heading and no other photos on the same line"
     keep = known | found
     if not keep.any():
-        raise TrackError(_none_placed(pictures, left_out))
-    pitch = np.array([assumed.pitch_deg if picture.pitch_deg is None else picture.pitch_deg for picture in placed])
-    roll = np.array([picture.roll_deg or 0.0 for picture in placed])
+        raise TrackError(_none_placed(photos, left_out))
+    pitch = np.array([assumed.pitch_deg if photo.pitch_deg is None else photo.pitch_deg for photo in placed])
+    roll = np.array([photo.roll_deg or 0.0 for photo in placed])
     # a gimbal's pitch counts with the vehicle's heading, too: its yaw follows the nose.
-    tilted = known | np.array([picture.vehicle_yaw_deg is not None for picture in placed])
+    tilted = known | np.array([photo.vehicle_yaw_deg is not None for photo in placed])
     axes, tops = camera_axes(yaw, np.where(tilted, pitch, assumed.pitch_deg), np.where(tilted, roll, 0.0))
     if assumed.mounted is not None:
         turn = assumed.mounted.camera_turn(_vehicle_attitudes_deg(placed))
-        hung = ~known & turn.known & np.array([picture.vehicle_yaw_deg is not None for picture in placed])
+        hung = ~known & turn.known & np.array([photo.vehicle_yaw_deg is not None for photo in placed])
         axes[hung], tops[hung] = turn.axes[hung], turn.tops[hung]
         known = known | hung
-    horizontal = [_or(picture.horizontal_error_m, assumed.horizontal_m) for picture in placed]
-    vertical = [_vertical_m(picture, assumed) for picture in placed]
+    horizontal = [_or(photo.horizontal_error_m, assumed.horizontal_m) for photo in placed]
+    vertical = [_vertical_m(photo, assumed) for photo in placed]
     turn_deg = np.where(known, assumed.attitude_deg, assumed.unknown_attitude_deg)
-    return PlacedPictures(
-        tuple(picture for picture, kept in zip(placed, keep, strict=True) if kept),
+    return LocatedPhotos(
+        tuple(photo for photo, kept in zip(placed, keep, strict=True) if kept),
         np.ascontiguousarray(eyes[keep]), axes[keep], tops[keep], known[keep],
         _rounded_up(np.array(horizontal)[keep]), _rounded_up(np.array(vertical)[keep]), turn_deg[keep], left_out,
     )  # fmt: skip
 
 
-def _vehicle_attitudes_deg(pictures: Sequence[Picture]) -> FloatArray:
+def _vehicle_attitudes_deg(photos: Sequence[Photo]) -> FloatArray:
     """(n, 3) roll, pitch and yaw of the vehicle; NaN if unknown."""
-    angles = [(p.vehicle_roll_deg, p.vehicle_pitch_deg, p.vehicle_yaw_deg) for p in pictures]
+    angles = [(p.vehicle_roll_deg, p.vehicle_pitch_deg, p.vehicle_yaw_deg) for p in photos]
     return np.array([[np.nan if angle is None else angle for angle in row] for row in angles])
 
 
-def _none_placed(pictures: Sequence[Picture], left_out: dict[str, str]) -> str:
+def _none_placed(photos: Sequence[Photo], left_out: dict[str, str]) -> str:
     name, why = next(iter(left_out.items()))
-    first = next(picture for picture in pictures if picture.name == name)
+    first = next(photo for photo in photos if photo.name == name)
     advice = ""
     if first.fault is None and not (first.is_zoomed or first.has_position):
         advice = "; add a list of their positions (geo.txt, .csv, .MRK or the flight's log), or geotag them"
@@ -144,10 +144,10 @@ def _or(error_m: float | None, otherwise_m: float) -> float:
     return otherwise_m if error_m is None or error_m <= 0.0 else error_m
 
 
-def _vertical_m(picture: Picture, assumed: Assumptions) -> float:
+def _vertical_m(photo: Photo, assumed: Assumptions) -> float:
     if assumed.takeoff_alt_amsl_m is not None:
         return assumed.vertical_by_barometer_m
-    return _or(picture.vertical_error_m, assumed.vertical_m)
+    return _or(photo.vertical_error_m, assumed.vertical_m)
 
 
 def _rounded_up(errors_m: FloatArray) -> FloatArray:
@@ -173,10 +173,10 @@ def _geoid_m(lat: FloatArray, lon: FloatArray, wanted: BoolArray, assumed: Assum
         ) from error
 
 
-def _yaws_deg(pictures: Sequence[Picture], eyes_m: FloatArray) -> tuple[FloatArray, BoolArray]:
+def _yaws_deg(photos: Sequence[Photo], eyes_m: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Headings of the photos' tops, and whether they are known."""
     yaw = np.array(
-        [np.nan if (a := p.yaw_deg if p.has_direction else p.vehicle_yaw_deg) is None else a for p in pictures]
+        [np.nan if (a := p.yaw_deg if p.has_direction else p.vehicle_yaw_deg) is None else a for p in photos]
     )
     along = courses_deg(eyes_m)
     yaw = np.where(np.isfinite(yaw), yaw, along)
@@ -238,28 +238,28 @@ class MissingStretch:
     lon_lat_deg: tuple[tuple[float, float], tuple[float, float]]  # of both photos
 
 
-def missing_stretches(placed: PlacedPictures) -> list[MissingStretch]:
+def missing_stretches(placed: LocatedPhotos) -> list[MissingStretch]:
     """Find missing photos of a flight, even if other photos show the ground there.
 
     A step counts if it is half as long again as the steps around it and as the flight's median, and either skips numbers in the
     photos' names, or continues straight and takes half as long again. The vehicle must not be much slower on it than around it.
     """
     found: list[MissingStretch] = []
-    for _, group in itertools.groupby(range(len(placed.pictures)), key=lambda k: placed.pictures[k].clock):
+    for _, group in itertools.groupby(range(len(placed.photos)), key=lambda k: placed.photos[k].clock):
         members = list(group)
         if len(members) >= _FEW:
             found += _missing_of(placed, members)
     return found
 
 
-def _missing_of(placed: PlacedPictures, members: list[int]) -> list[MissingStretch]:
-    pictures = [placed.pictures[k] for k in members]
+def _missing_of(placed: LocatedPhotos, members: list[int]) -> list[MissingStretch]:
+    photos = [placed.photos[k] for k in members]
     steps = np.diff(placed.eyes_m[members][:, :2], axis=0)
     long_m = np.hypot(steps[:, 0], steps[:, 1])
     usual_m = np.maximum(_around(long_m), np.median(long_m))
-    long_s = np.diff(np.array([np.nan if p.time_s is None else p.time_s for p in pictures]))
+    long_s = np.diff(np.array([np.nan if p.time_s is None else p.time_s for p in photos]))
     usual_s = _around(long_s)
-    skipped = np.diff([_number(p.name) for p in pictures]) - 1
+    skipped = np.diff([_number(p.name) for p in photos]) - 1
     course = np.degrees(np.arctan2(steps[:, 0], steps[:, 1]))
     bend = np.abs((np.diff(course) + 180.0) % 360.0 - 180.0) <= _STRAIGHT_DEG
     straight = np.append(False, bend) & np.append(bend, False)
@@ -270,10 +270,10 @@ def _missing_of(placed: PlacedPictures, members: list[int]) -> list[MissingStret
         count = int(skipped[k]) if by_number else round(long_m[k] / usual_m[k]) - 1
         late = straight[k] and not long_s[k] <= _TOO_LONG * usual_s[k]
         if (by_number or late) and not long_s[k] > (count + 1) * usual_s[k] / _SLOWEST:
-            ends = [(p.lon_deg or 0.0, p.lat_deg or 0.0) for p in pictures[k : k + 2]]
+            ends = [(p.lon_deg or 0.0, p.lat_deg or 0.0) for p in photos[k : k + 2]]
             found.append(
                 MissingStretch(
-                    after=pictures[k].name, before=pictures[k + 1].name, photos=max(count, 1), length_m=float(long_m[k]),
+                    after=photos[k].name, before=photos[k + 1].name, photos=max(count, 1), length_m=float(long_m[k]),
                     usual_m=float(usual_m[k]), lon_lat_deg=(ends[0], ends[1]),
                 )
             )  # fmt: skip
@@ -296,7 +296,7 @@ def _number(name: str) -> float:
 
 
 def height_doubts(
-    placed: PlacedPictures,  # the photos
+    placed: LocatedPhotos,  # the photos
     frame: LocalFrame,  # of their places
     ground: Ground,  # of the elevation data
     *,
@@ -352,21 +352,21 @@ def height_doubts(
 
 
 def _takeoff_heights_m(
-    placed: PlacedPictures, frame: LocalFrame, *, by_takeoff: bool
+    placed: LocatedPhotos, frame: LocalFrame, *, by_takeoff: bool
 ) -> tuple[FloatArray, float | None]:
     """Height above sea level of the take-off position, from each photo with two heights. Also of its ground, if known."""
     _, _, alt_amsl_m = frame.geodetic_from_enu(placed.eyes_m)
-    by_pictures, grounds = [], []
-    for picture, alt in zip(placed.pictures, alt_amsl_m, strict=True):
-        above = picture.height_above_takeoff_m
-        if above is None or picture.alt_m is None:
+    by_photos, grounds = [], []
+    for photo, alt in zip(placed.photos, alt_amsl_m, strict=True):
+        above = photo.height_above_takeoff_m
+        if above is None or photo.alt_m is None:
             continue
         if not by_takeoff:
-            by_pictures.append(float(alt) - above)
-        elif picture.datum is HeightDatum.SEA_LEVEL:
-            by_pictures.append(picture.alt_m - above)
+            by_photos.append(float(alt) - above)
+        elif photo.datum is HeightDatum.SEA_LEVEL:
+            by_photos.append(photo.alt_m - above)
             grounds.append(float(alt) - above)
-    return np.array(by_pictures), float(np.median(grounds)) if grounds else None
+    return np.array(by_photos), float(np.median(grounds)) if grounds else None
 
 
 def _alt_amsl_m(en_m: FloatArray, ground: Ground, frame: LocalFrame) -> float:
@@ -381,12 +381,12 @@ def _no_ground_there(
 ) -> list[str]:
     (west, south), (east, north) = eyes_m[:, :2].min(axis=0) - _AROUND_M, eyes_m[:, :2].max(axis=0) + _AROUND_M
     grid_e, grid_n = np.meshgrid(np.linspace(west, east, _AROUND_NODES), np.linspace(south, north, _AROUND_NODES))
-    places = np.column_stack([grid_e.ravel(), grid_n.ravel()])
-    up_m = ground.heights_m(places)
+    positions = np.column_stack([grid_e.ravel(), grid_n.ravel()])
+    up_m = ground.heights_m(positions)
     known = np.isfinite(up_m)
     if not known.any():
         return []
-    _, _, alt_amsl_m = frame.geodetic_from_enu(np.column_stack([places, up_m])[known])
+    _, _, alt_amsl_m = frame.geodetic_from_enu(np.column_stack([positions, up_m])[known])
     lowest_m, highest_m = float(alt_amsl_m.min()), float(alt_amsl_m.max())
     off_m = max(takeoff_m - highest_m, lowest_m - takeoff_m)
     if off_m <= error_m:
@@ -399,12 +399,12 @@ def _no_ground_there(
     ]
 
 
-def direction_doubts(placed: PlacedPictures) -> list[str]:
+def direction_doubts(placed: LocatedPhotos) -> list[str]:
     """Questions to the user about the angles of photos."""
     doubts = []
     up = placed.axes[:, 2] >= 0.0
     if up.any():
-        names = [picture.name for picture, looks in zip(placed.pictures, up, strict=True) if looks]
+        names = [photo.name for photo, looks in zip(placed.photos, up, strict=True) if looks]
         doubts.append(
             f"{len(names)} of {len(up)} photos (first: {names[0]}) point at the horizon or above: their angles have "
             "a different reference, or the gimbal did not point down"

@@ -22,7 +22,7 @@ from PIL import ExifTags, Image, UnidentifiedImageError
 from mission_io.model.plain_text import counted
 from uavcover.errors import TrackError
 from uavcover.extras.photos.lists import LOGS, read_geo_txt, read_images_json, read_log, read_mrk, read_table
-from uavcover.extras.photos.picture import RTK_FIXED, HeightDatum, Picture, finite, moment
+from uavcover.extras.photos.photo import RTK_FIXED, HeightDatum, Photo, finite, moment
 
 ENDINGS = (".jpg", ".jpeg", ".tif", ".tiff", ".dng")
 _JPEG = (".jpg", ".jpeg")
@@ -34,7 +34,7 @@ _OFF_NADIR_NAMES = {"Camera:Pitch", "Camera:Roll", "Camera:Yaw"}
 """Tags of Pix4D, senseFly and MicaSense: their pitch is 0 straight down."""
 
 
-def read_picture(path: Path) -> Picture:
+def read_photo(path: Path) -> Photo:
     """Read a photo's metadata. Raises TrackError: it is no photo, or its metadata is damaged."""
     try:
         with warnings.catch_warnings():
@@ -57,10 +57,10 @@ def read_picture(path: Path) -> Picture:
     time_s, zone_known = _time_s(exif.get(ExifTags.Base.DateTime), details)
     serial = tags.get("DroneSerialNumber") or str(details.get(ExifTags.Base.BodySerialNumber, "")).strip("\x00 ")
     owner = " ".join(filter(None, (model or "a camera", serial)))
-    return Picture(
+    return Photo(
         name=path.name,
-        lat_deg=_place(_first(tags, "GpsLatitude"), _degrees(gps, 2, 1, "S")),
-        lon_deg=_place(_first(tags, "GpsLongitude", "GpsLongtitude"), _degrees(gps, 4, 3, "W")),
+        lat_deg=_position(_first(tags, "GpsLatitude"), _degrees(gps, 2, 1, "S")),
+        lon_deg=_position(_first(tags, "GpsLongitude", "GpsLongtitude"), _degrees(gps, 4, 3, "W")),
         alt_m=alt_m,
         datum=datum,
         height_above_takeoff_m=_first(tags, "RelativeAltitude"),
@@ -133,7 +133,7 @@ def _first(tags: Mapping[str, str], *names: str) -> float | None:
     return None
 
 
-def _place(of_xmp: float | None, of_exif: float | None) -> float | None:
+def _position(of_xmp: float | None, of_exif: float | None) -> float | None:
     """XMP has more digits; some makers write 0 there."""
     return of_xmp or of_exif
 
@@ -234,7 +234,7 @@ def _model(exif: Image.Exif) -> str | None:
     return " ".join(name for name in names if name) or None
 
 
-LISTS: dict[str, Callable[[Path], list[Picture]]] = {
+LISTS: dict[str, Callable[[Path], list[Photo]]] = {
     ".txt": read_geo_txt,
     ".json": read_images_json,
     ".mrk": read_mrk,
@@ -244,19 +244,19 @@ GEO_TXT = "geo.txt"
 
 
 @dataclass(frozen=True, slots=True)
-class PictureSet:
+class PhotoSet:
     """All photos of a flight."""
 
-    pictures: tuple[Picture, ...]  # in order of time, clock by clock, where all tell it, otherwise of name
+    photos: tuple[Photo, ...]  # in order of time, clock by clock, where all tell it, otherwise of name
     notes: tuple[str, ...]  # notes for the user
 
     @property
     def sha256(self) -> str:
         """Hash of all data read from the photos: the basis of a verdict on them."""
-        return hashlib.sha256("\n".join(map(repr, self.pictures)).encode()).hexdigest()
+        return hashlib.sha256("\n".join(map(repr, self.photos)).encode()).hexdigest()
 
 
-def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], None] = lambda _d, _t: None) -> PictureSet:
+def read_photos(sources: Sequence[Path], *, progress: Callable[[int, int], None] = lambda _d, _t: None) -> PhotoSet:
     """All photos of folders, photo files, lists and flight logs.
 
     Where a list names a photo that is there as a file, or a folder holds a ``geo.txt``, the list's place counts, and what the
@@ -271,15 +271,15 @@ def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], Non
     """
     files, of_folders, lists, logs = _by_kind(sources)
     notes: list[str] = []
-    found: dict[str, Picture] = {}
+    found: dict[str, Photo] = {}
     for number, path in enumerate(files, start=1):
-        picture = _read(path) if path in of_folders else read_picture(path)
+        photo = _read(path) if path in of_folders else read_photo(path)
         progress(number, len(files))
-        if picture.name in found:
-            picture = replace(picture, name=path.as_posix())
-        found[picture.name] = picture
-    if files and not lists and not logs and all(picture.fault is not None for picture in found.values()):
-        read_picture(files[0])  # says what is wrong with it
+        if photo.name in found:
+            photo = replace(photo, name=path.as_posix())
+        found[photo.name] = photo
+    if files and not lists and not logs and all(photo.fault is not None for photo in found.values()):
+        read_photo(files[0])  # says what is wrong with it
     files_by_name = dict(found)
     for path in lists:
         listed = LISTS[path.suffix.lower()](path)
@@ -292,16 +292,16 @@ def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], Non
     for path in logs:
         of_log, warnings = read_log(path)
         notes += [f"{counted(len(of_log), 'photo')} of {path.name}", *warnings]
-        for picture in of_log:
-            name = _new_name(picture.name, path, found)
-            found[name] = replace(picture, name=name)
+        for photo in of_log:
+            name = _new_name(photo.name, path, found)
+            found[name] = replace(photo, name=name)
     once = _once(list(found.values()), notes)
-    timed = all(picture.time_s is not None for picture in once)
+    timed = all(photo.time_s is not None for photo in once)
     once.sort(key=lambda one: (one.clock or "", one.time_s or 0.0, one.name) if timed else ("", 0.0, one.name))
-    clocks = sorted({picture.clock for picture in once if picture.clock is not None})
+    clocks = sorted({photo.clock for photo in once if photo.clock is not None})
     if len(clocks) > 1:
         notes.append(f"times come from {len(clocks)} clocks ({', '.join(clocks[:4])}), each with its own order")
-    return PictureSet(tuple(once), tuple(notes))
+    return PhotoSet(tuple(once), tuple(notes))
 
 
 def _by_kind(sources: Sequence[Path]) -> tuple[list[Path], set[Path], list[Path], list[Path]]:
@@ -334,15 +334,15 @@ def _by_kind(sources: Sequence[Path]) -> tuple[list[Path], set[Path], list[Path]
     return files, of_folders, lists, logs
 
 
-def _read(path: Path) -> Picture:
+def _read(path: Path) -> Photo:
     """A photo of a folder, which may hold broken ones: these do not count, and are reported."""
     try:
-        return read_picture(path)
+        return read_photo(path)
     except TrackError as error:
-        return Picture(name=path.name, fault=str(error).removeprefix(f"{path}: "))
+        return Photo(name=path.name, fault=str(error).removeprefix(f"{path}: "))
 
 
-def _new_name(name: str, source: Path, taken: Mapping[str, Picture]) -> str:
+def _new_name(name: str, source: Path, taken: Mapping[str, Photo]) -> str:
     """A name that no other photo has: cards, lists and logs all begin to count at one."""
     names = itertools.chain(
         (name, f"{source.name}: {name}"), (f"{source.name}: {name} ({k})" for k in itertools.count(2))
@@ -350,13 +350,13 @@ def _new_name(name: str, source: Path, taken: Mapping[str, Picture]) -> str:
     return next(one for one in names if one not in taken)
 
 
-def _joined(row: Picture, file: Picture | None) -> Picture:
+def _joined(row: Photo, file: Photo | None) -> Photo:
     """A row of a list, completed by the photo's file."""
     if file is None:
         return row
     missing = {
         name: getattr(file, name)
-        for name in Picture.__slots__
+        for name in Photo.__slots__
         if getattr(row, name) is None and getattr(file, name) is not None
     }
     # a list that places a photo anew does not move its height above take-off; one height is enough.
@@ -366,7 +366,7 @@ def _joined(row: Picture, file: Picture | None) -> Picture:
     return replace(row, **missing)
 
 
-def _once(pictures: list[Picture], notes: list[str]) -> list[Picture]:
+def _once(photos: list[Photo], notes: list[str]) -> list[Photo]:
     """Omit further files of one moment, other bands of a multispectral camera, and repeated views from one position.
 
     Copies of a photo, and photos of a vehicle that hovers or whose receiver stands still, show no more than the first one of
@@ -375,28 +375,28 @@ def _once(pictures: list[Picture], notes: list[str]) -> list[Picture]:
     moments: set[tuple[object, ...]] = set()
     views: set[tuple[object, ...]] = set()
     kept, bands, copies = [], 0, 0
-    for picture in pictures:
-        place = (picture.lat_deg, picture.lon_deg, picture.alt_m)
-        heading = picture.vehicle_yaw_deg if picture.yaw_deg is None else picture.yaw_deg
-        moment, view = (*place, picture.time_s), (*place, heading, picture.pitch_deg, picture.roll_deg)
-        if None in place or picture.lacks() is not None:
-            kept.append(picture)
-        elif picture.time_s is not None and moment in moments:
+    for photo in photos:
+        position = (photo.lat_deg, photo.lon_deg, photo.alt_m)
+        heading = photo.vehicle_yaw_deg if photo.yaw_deg is None else photo.yaw_deg
+        moment, view = (*position, photo.time_s), (*position, heading, photo.pitch_deg, photo.roll_deg)
+        if None in position or photo.lacks() is not None:
+            kept.append(photo)
+        elif photo.time_s is not None and moment in moments:
             bands += 1
         elif view in views:
             copies += 1
         else:
             moments.add(moment)
             views.add(view)
-            kept.append(picture)
+            kept.append(photo)
     if bands:
         notes.append(
-            f"{bands} of {len(pictures)} files have the same position and time as another file (bands of one photo) "
+            f"{bands} of {len(photos)} files have the same position and time as another file (bands of one photo) "
             "and count once"
         )
     if copies:
         notes.append(
-            f"{copies} of {len(pictures)} photos have the same position and direction as another photo (copies, or a "
+            f"{copies} of {len(photos)} photos have the same position and direction as another photo (copies, or a "
             "receiver that did not update); they count once"
         )
     return kept

@@ -6,15 +6,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.extras.photos.placing import PlacedPictures
+from uavcover.extras.photos.placing import LocatedPhotos
 from uavcover.kernels import observation_counting as kernels
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.coverage import Looks
 from uavcover.kernels.observation_counting import Camera, ObservationCounts, SensorPoses
-from uavcover.kernels.sight import SEEN, TOO_COARSE, LocalSlopes, Sight, local_slopes
+from uavcover.kernels.sight import OBSERVED, TOO_COARSE, LocalSlopes, Sight, local_slopes
 from uavcover.new.catalog import DetectionCurve, Independent
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.pictures import look_distance_m, looks_of
+from uavcover.sensing.photos import look_distance_m, looks_of
 from uavcover.sensing.sensors import add_observations
 from uavcover.verification.flown_coverage import FlownCoverage
 
@@ -31,7 +31,7 @@ class Detection:
     curve: DetectionCurve  # of one look
     best_look: FloatArray  # (n,) by the best photo alone
     by_sides: FloatArray  # (n,) by the best photo from each side, each an independent chance
-    by_pictures: FloatArray  # (n,) by every photo, each an independent chance
+    by_photos: FloatArray  # (n,) by every photo, each an independent chance
 
     @property
     def pod(self) -> FloatArray:
@@ -39,7 +39,7 @@ class Detection:
         by: dict[Independent, FloatArray] = {
             "none": self.best_look,
             "sides": self.by_sides,
-            "pictures": self.by_pictures,
+            "pictures": self.by_photos,
         }
         return by[self.curve.independent]
 
@@ -50,12 +50,12 @@ def detection_of(curve: DetectionCurve, looks: Looks) -> Detection:
         curve,
         best_look=looks.best.max(axis=1),
         by_sides=1.0 - np.prod(1.0 - looks.best, axis=1),
-        by_pictures=1.0 - looks.missed,
+        by_photos=1.0 - looks.missed,
     )
 
 
 def detection_document(
-    detection: Detection, drawn: BoolArray, weight_m2: FloatArray, asked: float | None
+    detection: Detection, drawn: BoolArray, weight_m2: FloatArray, required: float | None
 ) -> dict[str, Any]:
     """The entry of ``photos.json``, over the cells of the area as drawn, including those not visible from anywhere.
 
@@ -63,7 +63,7 @@ def detection_document(
         detection: of each cell.
         drawn: (n,) which cells.
         weight_m2: (n,) their sizes.
-        asked: least mean probability.
+        required: least mean probability.
     """
     weight = weight_m2[drawn]
 
@@ -79,11 +79,11 @@ def detection_document(
         "independent": detection.curve.independent,
         "pod": reached,
         "pod_best_look": mean(detection.best_look),
-        "pod_every_picture": mean(detection.by_pictures),
-        "pod_percentiles": {str(share): value for share, value in _percentiles(pod, weight).items()},
-        "asked": asked,
-        "area_below_m2": None if asked is None else float(weight[pod < asked].sum()),
-        "holds": None if asked is None else reached >= asked,
+        "pod_every_picture": mean(detection.by_photos),
+        "pod_percentiles": {str(fraction): value for fraction, value in _percentiles(pod, weight).items()},
+        "asked": required,
+        "area_below_m2": None if required is None else float(weight[pod < required].sum()),
+        "holds": None if required is None else reached >= required,
     }
 
 
@@ -122,8 +122,8 @@ def _percentiles(values: FloatArray, weight: FloatArray) -> dict[int, float]:
     """Values that these percentages of the weight do not exceed."""
     order = np.argsort(values, kind="stable")
     reached = np.cumsum(weight[order]) / weight.sum()
-    places = np.minimum(np.searchsorted(reached, np.array(PERCENTILES) / 100.0), values.size - 1)
-    return {share: float(values[order][place]) for share, place in zip(PERCENTILES, places, strict=True)}
+    positions = np.minimum(np.searchsorted(reached, np.array(PERCENTILES) / 100.0), values.size - 1)
+    return {fraction: float(values[order][position]) for fraction, position in zip(PERCENTILES, positions, strict=True)}
 
 
 DIRECTIONS = ("down", "north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
@@ -137,11 +137,11 @@ class ShownCells:
 
     The whole photo counts, hidden ground does not.
 
-    How coarse a photo is does not matter for how many there are, as :mod:`uavcover.sensing.pictures` counts them.
+    How coarse a photo is does not matter for how many there are, as :mod:`uavcover.sensing.photos` counts them.
     """
 
     # (n,) how many looks show it, measurements taken as exact, however coarse; photos from one place are one look
-    pictures: NDArray[np.int32]
+    photos: NDArray[np.int32]
     looks: int  # how many looks the photos are
     directions: NDArray[np.int32]  # (n,) into how many of ``DIRECTIONS`` their cameras looked
     # (n,) each: seen by a photo as finely as the sensor has to, surely, possibly, how closely, and the best outcome of
@@ -153,10 +153,10 @@ class ShownCells:
 
     def enough(self, needed: int) -> BoolArray:
         """(n,) cells that are observed, and in the required number of photos."""
-        return self.coverage.seen & (self.pictures >= needed)
+        return self.coverage.observed & (self.photos >= needed)
 
 
-def shown_cells(coverage: CoverageMap, placed: PlacedPictures, curve: DetectionCurve | None = None) -> ShownCells:
+def shown_cells(coverage: CoverageMap, placed: LocatedPhotos, curve: DetectionCurve | None = None) -> ShownCells:
     """Count photos by cell, and with a curve how probably they find what is searched for.
 
     A cell is surely seen when some photo shows it wherever within its errors the camera was and however within them it looked.
@@ -200,8 +200,8 @@ def shown_cells(coverage: CoverageMap, placed: PlacedPictures, curve: DetectionC
         by_direction += anyhow.passes > before
     detection = None if curve is None else detection_of(curve, finely.looks)
     closer_m = look_distance_m(coverage.site.scenario, placed.horizontal_m)
-    looks = looks_of(placed.eyes_m, placed.axes, closer_m, [picture.capture_id for picture in placed.pictures])
-    number, pictures = int(looks.max(initial=-1)) + 1, anyhow.passes
+    looks = looks_of(placed.eyes_m, placed.axes, closer_m, [photo.capture_id for photo in placed.photos])
+    number, photos = int(looks.max(initial=-1)) + 1, anyhow.passes
     if number < len(looks):
         by_look: ObservationCounts = kernels.no_observations(count)
         order = np.argsort(looks, kind="stable")
@@ -209,8 +209,8 @@ def shown_cells(coverage: CoverageMap, placed: PlacedPictures, curve: DetectionC
             coverage, slopes, however_coarse, exact._replace(pass_gap_s=0.0),
             _poses(placed, order, looks[order].astype(float)), by_look,
         )  # fmt: skip
-        pictures = by_look.passes
-    return ShownCells(pictures, number, by_direction, _coverage(finely, anyhow), detection)
+        photos = by_look.passes
+    return ShownCells(photos, number, by_direction, _coverage(finely, anyhow), detection)
 
 
 def looking_towards(axes: FloatArray) -> IntArray:
@@ -224,7 +224,7 @@ def looking_towards(axes: FloatArray) -> IntArray:
     return np.where(down, 0, 1 + octant)
 
 
-def _poses(placed: PlacedPictures, chosen: BoolArray | IntArray, numbers: FloatArray) -> SensorPoses:
+def _poses(placed: LocatedPhotos, chosen: BoolArray | IntArray, numbers: FloatArray) -> SensorPoses:
     return SensorPoses(
         np.ascontiguousarray(placed.eyes_m[chosen]), np.ascontiguousarray(placed.axes[chosen]),
         np.ascontiguousarray(placed.tops[chosen]), numbers,
@@ -243,17 +243,17 @@ def _add(
 
 
 def _coverage(counts: ObservationCounts, anyhow: ObservationCounts) -> FlownCoverage:
-    seen = counts.passes > 0
-    none = np.full(seen.size, np.nan)
+    observed = counts.passes > 0
+    none = np.full(observed.size, np.nan)
     return FlownCoverage(
-        seen=seen,
-        surely_seen=seen & (anyhow.sure > 0),
-        possibly_seen=seen | ((anyhow.possible > 0) & (counts.outcome != TOO_COARSE)),
-        possibly_by_attitude=np.zeros(seen.size, dtype=bool),
-        first_seen_s=none,
+        observed=observed,
+        certain_cells=observed & (anyhow.sure > 0),
+        possible_cells=observed | ((anyhow.possible > 0) & (counts.outcome != TOO_COARSE)),
+        possible_by_attitude=np.zeros(observed.size, dtype=bool),
+        first_observed_s=none,
         passes=counts.passes,
         nearest_m=np.where(np.isfinite(counts.nearest_m), counts.nearest_m, np.nan),
         ground_sample_m=np.where(np.isfinite(counts.ground_sample_m), counts.ground_sample_m, np.nan),
-        incidence_deg=np.where(seen, np.degrees(np.arccos(np.clip(counts.cos_incidence, -1.0, 1.0))), np.nan),
-        outcome=np.where(seen, SEEN, counts.outcome).astype(np.uint8),
+        incidence_deg=np.where(observed, np.degrees(np.arccos(np.clip(counts.cos_incidence, -1.0, 1.0))), np.nan),
+        outcome=np.where(observed, OBSERVED, counts.outcome).astype(np.uint8),
     )

@@ -168,7 +168,7 @@ class AreaTerrain:
     needed: tuple[NeededTiles, ...]  # the tiles of each free set
     national: tuple[NationalSource, ...]  # national models that may have it
     around: Bounds  # west, south, east, north with what is around; east may be above 180
-    places: np.ndarray  # (latitude, longitude) of places all over the area, degrees
+    positions: np.ndarray  # (latitude, longitude) of places all over the area, degrees
 
 
 def terrain_of_area(query: AreaQuery, *, around_m: float) -> AreaTerrain:
@@ -188,15 +188,15 @@ def terrain_of_area(query: AreaQuery, *, around_m: float) -> AreaTerrain:
     up = around_m / M_PER_DEG
     side = up / max(0.01, float(np.cos(np.radians(min(89.99, max(abs(south), abs(north)) + up)))))
     grid = np.stack(np.meshgrid(np.linspace(west, east, _GRID), np.linspace(south, north, _GRID)), axis=-1)
-    places = grid.reshape(-1, 2)
-    places = places[shapely.intersects_xy(whole, places[:, 0], places[:, 1])]
-    if not len(places):
-        places = shapely.get_coordinates(whole.representative_point())
+    positions = grid.reshape(-1, 2)
+    positions = positions[shapely.intersects_xy(whole, positions[:, 0], positions[:, 1])]
+    if not len(positions):
+        positions = shapely.get_coordinates(whole.representative_point())
     around = (west - side, max(-90.0, south - up), east + side, min(90.0, north + up))
-    return AreaTerrain(needed, national_sources(area.parts), around, places[:, ::-1])
+    return AreaTerrain(needed, national_sources(area.parts), around, positions[:, ::-1])
 
 
-def known_share(area: AreaTerrain, data: ElevationData, user: User) -> float:
+def known_fraction(area: AreaTerrain, data: ElevationData, user: User) -> float:
     """The share of an area, 0 to 1, where elevation data has heights; data that is elsewhere has none.
 
     Raises:
@@ -208,7 +208,7 @@ def known_share(area: AreaTerrain, data: ElevationData, user: User) -> float:
     except NoTileNearError as error:
         user.warn(str(error).removeprefix("terrain.file: "))
         return 0.0
-    lat, lon = area.places.T
+    lat, lon = area.positions.T
     return float(np.isfinite(read_heights_amsl_m(source, datum, lat, (lon + 180.0) % 360.0 - 180.0)).mean())
 
 
@@ -228,7 +228,7 @@ def files_in(names: Sequence[str]) -> list[Path]:
     return found
 
 
-def say_needed(area: AreaTerrain, there: Sequence[Path] | None, user: User) -> list[dict[str, object]]:
+def print_needed(area: AreaTerrain, there: Sequence[Path] | None, user: User) -> list[dict[str, object]]:
     """Report the needed tiles of each set, and the missing ones where files are given; as JSON too."""
     documents: list[dict[str, object]] = []
     for needed in area.needed:

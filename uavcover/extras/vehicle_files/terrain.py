@@ -77,7 +77,7 @@ def terrain(
     """
     from uavcover.cli.new import open_elevation_data
     from uavcover.errors import InputError
-    from uavcover.extras.vehicle_files.area_terrain import files_in, known_share, say_needed, terrain_of_area
+    from uavcover.extras.vehicle_files.area_terrain import files_in, known_fraction, print_needed, terrain_of_area
     from uavcover.extras.vehicle_files.terrain_heights import write_terrain_files
     from uavcover.flight.connect import heights_of_files
     from uavcover.new.quantities import length_m
@@ -94,15 +94,15 @@ def terrain(
     )  # fmt: skip
     found = terrain_of_area(query, around_m=length_m(where.around, option="--around", example="1km"))
     there = files_in(data.names) if data.names else None
-    document: dict[str, object] = {"area": area, "sets": say_needed(found, there, console)}
+    document: dict[str, object] = {"area": area, "sets": print_needed(found, there, console)}
     document["national"] = [{"title": one.title, "address": one.address} for one in found.national]
     if there is None:
         console.suggest(to_paste("terrain", area.strip(), "--dem", "FOLDER"))
         console.result(document)
         return 0
-    share = known_share(found, data, console)
-    console.say(f"{', '.join(data.names)}: contains heights for {100.0 * share:.1f} % of the area")
-    document["known_share"] = share
+    fraction = known_fraction(found, data, console)
+    console.say(f"{', '.join(data.names)}: contains heights for {100.0 * fraction:.1f} % of the area")
+    document["known_share"] = fraction
     if dat is not None:
         source, datum = open_elevation_data(data, around=found.around)
         heights = heights_of_files(source, datum, console.warn)
@@ -111,4 +111,4 @@ def terrain(
             console.say(f"wrote {dat / name} ({counted(blocks, 'block')})")
         document["dat"] = {str(dat / name): blocks for name, blocks in written.items()}
     console.result(document)
-    return 0 if share == 1.0 else 1
+    return 0 if fraction == 1.0 else 1

@@ -15,15 +15,15 @@ from mission_io.protocol.terrain import (
     STEP_NORTH,
     Heights,
     Part,
-    Place,
+    Position,
     TerrainAnswers,
     TerrainBlock,
     TerrainCounts,
     dat_bytes,
     dat_name,
     parts_of_block,
-    place_in_block,
-    places_of_block,
+    position_in_block,
+    positions_of_block,
     wrapped_deg,
 )
 from uavcover.errors import InputError, OutputError, TerrainError
@@ -85,7 +85,7 @@ def write_terrain_files(
         OutputError: a file already exists, or cannot be written.
     """
     blocks = _blocks_in(around, spacing_m)
-    known = {block: parts_of_block(places_of_block(*_corner_deg(block), spacing_m), heights) for block in blocks}
+    known = {block: parts_of_block(positions_of_block(*_corner_deg(block), spacing_m), heights) for block in blocks}
     lacking = sum(part is None for parts in known.values() for part in parts)
     if lacking == PART_COUNT * len(known):
         raise TerrainError("the elevation data contains no height in any terrain block around the area")
@@ -106,7 +106,7 @@ def write_terrain_files(
     return {name: len(content) for name, content in files.items()}
 
 
-def _corner_deg(block: TerrainBlock) -> Place:
+def _corner_deg(block: TerrainBlock) -> Position:
     lat_e7, lon_e7 = block.corner_e7
     return lat_e7 / 1e7, lon_e7 / 1e7
 
@@ -126,7 +126,7 @@ def _blocks_in(around: Bounds, spacing_m: int) -> list[TerrainBlock]:
             f"the area takes about {len(rows) * len(columns)} blocks of terrain; the limit is {TERRAIN.max_blocks}; "
             "use a part of the area, or a larger --spacing"
         )
-    found = {place_in_block(float(lat), wrapped_deg(float(lon)), spacing_m).block for lat in rows for lon in columns}
+    found = {position_in_block(float(lat), wrapped_deg(float(lon)), spacing_m).block for lat in rows for lon in columns}
     return sorted(found, key=lambda block: (block.south_deg, block.west_deg, block.north, block.east))
 
 

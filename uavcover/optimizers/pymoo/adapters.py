@@ -47,8 +47,8 @@ def spread_weights(n: int, m: int) -> FloatArray:
     if m == 1:
         return np.ones((n, 1))
     if m == 2:
-        share = np.linspace(1.0, 0.0, n)
-        return np.column_stack([share, 1.0 - share])
+        fraction = np.linspace(1.0, 0.0, n)
+        return np.column_stack([fraction, 1.0 - fraction])
     divisions = 1
     while comb(divisions + m - 1, m - 1) < 20 * n:
         divisions += 1
@@ -209,8 +209,8 @@ class MOEAD(PymooOptimizer):
 
     smallest_population: ClassVar[int] = 2
     knows_constraints: ClassVar[bool] = False
-    neighbourhood_share: ClassVar[float] = 0.1  # T, Table 2
-    replaced_share: ClassVar[float] = 0.01  # n_r, Table 2
+    neighbourhood_fraction: ClassVar[float] = 0.1  # T, Table 2
+    replaced_fraction: ClassVar[float] = 0.01  # n_r, Table 2
     neighbour_mating_probability: ClassVar[float] = 0.9  # delta, Table 2
     distribution_index: ClassVar[int] = 30  # eta, Table 2
 
@@ -223,8 +223,8 @@ class MOEAD(PymooOptimizer):
         n = self._population_size
         return GenerationalMOEAD(
             spread_weights(n, self._n_objectives),
-            n_replaced=max(1, round(self.replaced_share * n)),
-            n_neighbors=max(2, round(self.neighbourhood_share * n)),
+            n_replaced=max(1, round(self.replaced_fraction * n)),
+            n_neighbors=max(2, round(self.neighbourhood_fraction * n)),
             prob_neighbor_mating=self.neighbour_mating_probability,
             crossover=SBX(prob=1.0, eta=self.distribution_index),
             mutation=PM(prob_var=None, eta=self.distribution_index),

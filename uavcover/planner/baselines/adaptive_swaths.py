@@ -41,7 +41,7 @@ from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import is_ball_or_cone
 
-_STATION_SHARE = 0.5
+_STATION_FRACTION = 0.5
 """Distance of stations along the lines, as a fraction of the sensor's reach."""
 _ROUNDS = 4
 """Rounds of the balancing.
@@ -51,9 +51,9 @@ With 16 rounds and half the station distance, it took 8 times as long. The lines
 """
 _SMOOTHING = 10
 _INSETS = (0.8, 0.9, 0.96, 1.0)
-_TOLERANCE_SHARE = 0.0025
+_TOLERANCE_FRACTION = 0.0025
 """Tolerance of legs to the best height, as a fraction of the band: a strip is as wide as its sensor is high."""
-_STRAIGHT_SHARE = 0.01
+_STRAIGHT_FRACTION = 0.01
 """A line may be laid straight where it leaves its bends by no more than this fraction of the reach."""
 
 
@@ -75,7 +75,7 @@ def adaptive_swaths(
     """
     limits = site.scenario.limits
     low, high = limits.min_height_agl_m + limits.height_margin_m, limits.max_height_agl_m - limits.height_margin_m
-    tolerance = _TOLERANCE_SHARE * (high - low)
+    tolerance = _TOLERANCE_FRACTION * (high - low)
     height = best_height_agl_m(site, tolerance_m=tolerance)
     swath = 2.0 * max(site.scenario.sensor.half_width_m(height), site.scenario.area.cell_size_m)
     ranked = []
@@ -137,7 +137,7 @@ def bend_lines(site: Site, layout: SwathLayout) -> BentLines:
     flown = west <= east
     borders, west, east, heights = borders[flown], west[flown], east[flown], layout.heights_agl_m[flown]
     reach = max(site.scenario.sensor.half_width_m(float(np.mean(heights))), site.scenario.area.cell_size_m)
-    count = max(3, math.ceil((east.max() - west.min()) / (_STATION_SHARE * reach)))
+    count = max(3, math.ceil((east.max() - west.min()) / (_STATION_FRACTION * reach)))
     along = np.linspace(west.min(), east.max(), count)
     step = along[1] - along[0]
     # Strips across the lines, one around each station: between where the area begins and ends.
@@ -168,7 +168,7 @@ def fly_bent(site: Site, layout: SwathLayout, bent: BentLines, *, straight_m: fl
         lines_m.append(np.column_stack([along, np.interp(along, bent.along_m, across)]))
     points_m, heights_m = join_lines(
         lines_m, bent.heights_agl_m, np.full(len(lines_m), layout.inset * bent.reach_m), layout,
-        straight_m=_STRAIGHT_SHARE * bent.reach_m if straight_m is None else straight_m,
+        straight_m=_STRAIGHT_FRACTION * bent.reach_m if straight_m is None else straight_m,
     )  # fmt: skip
     points_m = points_m @ to_lines_frame(layout.angle_rad)
     return Route(lay_over_terrain(site, points_m, heights_m, tolerance_m=layout.tolerance_m))
@@ -207,16 +207,16 @@ def tight_lines(site: Site, angle_rad: float) -> list[Route]:
     return _laid_out(site, _tight(site, angle_rad), None, lambda: False)
 
 
-def tight_layouts(site: Site, angle_rad: float, *, share: float, more: int) -> list[SwathLayout]:
+def tight_layouts(site: Site, angle_rad: float, *, fraction: float, more: int) -> list[SwathLayout]:
     """Layouts of bent lines side by side in one direction, by their inset.
 
     Args:
         site: with a sensor for which :func:`can_be_adapted` holds.
         angle_rad: direction of the lines, counter-clockwise from east.
-        share: of the band, how far legs may leave their height.
+        fraction: of the band, how far legs may leave their height.
         more: lines than fit beside each other.
     """
-    layout = _regular(site, angle_rad, share, TIGHT_INSETS[0], fewer=-more)
+    layout = _regular(site, angle_rad, fraction, TIGHT_INSETS[0], fewer=-more)
     return [dataclasses.replace(layout, inset=inset) for inset in TIGHT_INSETS]
 
 
@@ -236,9 +236,11 @@ def ample_lines(site: Site, angle_rad: float, *, shortest: bool) -> list[Route]:
         shortest: True: balanced lines with all waypoints that the ground requires; False: simple lines.
     """
     if not shortest:
-        items = [(_regular(site, angle_rad, share, TIGHT_INSETS[0], fewer=-1), True, TIGHT_INSETS) for share in TIGHT]
+        items = [
+            (_regular(site, angle_rad, fraction, TIGHT_INSETS[0], fewer=-1), True, TIGHT_INSETS) for fraction in TIGHT
+        ]
         return _laid_out(site, items, None, lambda: False)
-    return _balanced(site, _regular(site, angle_rad, _TOLERANCE_SHARE, 0.0, fewer=-1))
+    return _balanced(site, _regular(site, angle_rad, _TOLERANCE_FRACTION, 0.0, fewer=-1))
 
 
 def _balanced(site: Site, layout: SwathLayout) -> list[Route]:
@@ -255,35 +257,35 @@ def simple_lines(
 ) -> list[Route]:
     """Routes of parallel lines in one direction: the fewest lines first, and bent lines before straight ones."""
     bends = can_be_adapted(site)
-    kinds = [(share, True) for share in BENT if bends] + [(share, False) for share in STRAIGHT]
+    kinds = [(fraction, True) for fraction in BENT if bends] + [(fraction, False) for fraction in STRAIGHT]
     ranked: list[tuple[tuple[int, bool, bool], SwathLayout, bool]] = []
-    for share, bent in kinds:
+    for fraction, bent in kinds:
         layouts = {
             layout.heights_agl_m.size: layout
-            for layout in (_regular(site, angle_rad, share, _INSET, widths=w) for w in _LINES[bent])
+            for layout in (_regular(site, angle_rad, fraction, _INSET, widths=w) for w in _LINES[bent])
         }
         for more, lines in enumerate(sorted(layouts)):
-            ranked.append(((more, not bent, share != _FIRST_BENT), layouts[lines], bent))
+            ranked.append(((more, not bent, fraction != _FIRST_BENT), layouts[lines], bent))
     items = _tight(site, angle_rad) if bends else []
     items += [(layout, bent, (_INSET,)) for _, layout, bent in sorted(ranked, key=lambda item: item[0])]
     return _laid_out(site, items, executor, should_stop)
 
 
 def _regular(
-    site: Site, angle_rad: float, share: float, inset: float, *, widths: float = 1.0, fewer: int | None = None
+    site: Site, angle_rad: float, fraction: float, inset: float, *, widths: float = 1.0, fewer: int | None = None
 ) -> SwathLayout:
     """Regular lines whose legs may deviate from their height by a fraction of the band.
 
     Args:
         site: of any sensor.
         angle_rad: their direction, counter-clockwise from east.
-        share: of the band.
+        fraction: of the band.
         inset: of their ends, as a fraction of the sensor's reach.
         widths: at least this multiple of the number that fits.
         fewer: or this number fewer than fit.
     """
     limits = site.scenario.limits
-    tolerance_m = share * (limits.max_height_agl_m - limits.min_height_agl_m - 2.0 * limits.height_margin_m)
+    tolerance_m = fraction * (limits.max_height_agl_m - limits.min_height_agl_m - 2.0 * limits.height_margin_m)
     height_m = best_height_agl_m(site, tolerance_m=tolerance_m)
     swath_m = 2.0 * strip_half_width_m(site, angle_rad, height_m)
     wanted = widths * width_across_m(site, angle_rad) / swath_m
@@ -296,7 +298,9 @@ _Item = tuple[SwathLayout, bool, tuple[float, ...]]
 
 
 def _tight(site: Site, angle_rad: float) -> list[_Item]:
-    layouts = [_regular(site, angle_rad, share, TIGHT_INSETS[0], fewer=fewer) for fewer in _FEWER for share in TIGHT]
+    layouts = [
+        _regular(site, angle_rad, fraction, TIGHT_INSETS[0], fewer=fewer) for fewer in _FEWER for fraction in TIGHT
+    ]
     return [(layout, True, TIGHT_INSETS) for layout in layouts]
 
 

@@ -122,13 +122,13 @@ def begun_near_home(site: Site, layout: SwathLayout) -> SwathLayout:
         return layout
     home_m, lines = site.home_m[:2], _straight_lines(site, layout)
 
-    def way_m(start: int) -> float:
+    def length_m(start: int) -> float:
         points_m, _ = join_lines(*lines, dataclasses.replace(layout, start=start))
         ends_m = points_m[[0, -1]] @ to_lines_frame(layout.angle_rad) + layout.shift_m
         # Of two ways that are as long, rounding must not choose.
         return round(float(np.hypot(*(ends_m - home_m).T).sum()), 3)
 
-    return dataclasses.replace(layout, start=min(range(4), key=way_m))
+    return dataclasses.replace(layout, start=min(range(4), key=length_m))
 
 
 def with_return_line(site: Site, layout: SwathLayout) -> SwathLayout | None:
@@ -166,25 +166,25 @@ def join_lines(
     apart_m = abs(lines_m[-1][0, 1] - lines_m[0][0, 1]) / max(count - 1, 1)
     order = range(count)[:: -1 if layout.start & 2 else 1]
     flown: list[FloatArray] = []
-    way_back: list[FloatArray] = []
-    for place, k in enumerate(order):
+    return_lines: list[FloatArray] = []
+    for position, k in enumerate(order):
         eastward = ((k + layout.start) % 2 == 0) != bool(layout.start & 2)
         begin_m = end_m = insets_m[k]
         if returns:
             # The return line lies half a gap from the border. It starts where the last line ends.
-            inner = 0 < place < count - 1
+            inner = 0 < position < count - 1
             near_m = insets_m[k] + apart_m if inner else 0.5 * apart_m
-            begin_m, end_m = (near_m, end_m) if place % 2 == 0 else (begin_m, near_m)
+            begin_m, end_m = (near_m, end_m) if position % 2 == 0 else (begin_m, near_m)
             if inner:
                 line_m = _stopped(lines_m[k], 0.5 * apart_m, 0.5 * apart_m)
-                way_back.append(line_m[0 if eastward == (place % 2 == 0) else -1])
+                return_lines.append(line_m[0 if eastward == (position % 2 == 0) else -1])
         line_m = _stopped(lines_m[k], *((begin_m, end_m) if eastward else (end_m, begin_m)))
         if straight_m > 0.0:
             line_m = shapely.get_coordinates(shapely.LineString(line_m).simplify(straight_m))
         flown.append(line_m if eastward else line_m[::-1])
     heights_m = np.repeat(heights_agl_m[list(order)], [len(line_m) for line_m in flown])
     if returns:
-        last_m = shapely.LineString([flown[-1][-1], *way_back[::-1]]).simplify(_BACK_STRAIGHT * apart_m)
+        last_m = shapely.LineString([flown[-1][-1], *return_lines[::-1]]).simplify(_BACK_STRAIGHT * apart_m)
         flown.append(shapely.get_coordinates(last_m)[1:])
         heights_m = np.append(heights_m, np.full(len(flown[-1]), heights_agl_m.mean()))
     return np.vstack(flown), heights_m
@@ -335,7 +335,7 @@ def fewest_lines(
     """
     site = coverage.site
     least, per_strip = math.inf, 1.0
-    for height, inset, angle, returns in _ways(site, turns):
+    for height, inset, angle, returns in _variants(site, turns):
         unit = 2 if returns else 1
         fewest, most = (
             math.ceil(_lines(site, angle, height, factor) / unit) for factor in (_TUNED_LINES[0], _TUNED_LINES[-1])
@@ -369,7 +369,7 @@ def fewest_lines(
                 count = (below + above) // 2
 
 
-def _ways(site: Site, most: int) -> Iterator[tuple[float, float, float, bool]]:
+def _variants(site: Site, most: int) -> Iterator[tuple[float, float, float, bool]]:
     """Heights above ground, insets and directions of tuned lines: along the long side and across it first.
 
     With a home, lines with a return line follow those without one.

@@ -17,8 +17,8 @@ import numpy as np
 import shapely
 
 from uavcover.kernels.arrays import FloatArray
-from uavcover.kernels.way_cost import route_cost
-from uavcover.missions.way_cost import way_cost_of
+from uavcover.kernels.path_cost import route_cost
+from uavcover.missions.path_cost import path_cost_of
 from uavcover.model.route import Route
 from uavcover.planner.baselines.boustrophedon import Baseline, best_height_agl_m, evaluated, long_side_angle_rad
 from uavcover.planner.terrain_following import (
@@ -42,7 +42,7 @@ _MARGIN_REACHES = 2.0
 _FLATTEST = 1e-3
 """Ground whose root mean square slope is less has no contours to follow."""
 
-_STRAIGHT_SHARE = 0.1
+_STRAIGHT_FRACTION = 0.1
 """Lines are laid straight where they leave their bends by no more than this fraction of the reach."""
 
 _SHORTEST_REACHES = 0.5
@@ -189,19 +189,19 @@ def fly_contours(site: Site, layout: ContourLayout) -> Route:
         fields[key] = line_field(site, reach_m=reach_m, smoothing=layout.smoothing, straightening=layout.straightening)
     lines = _pieces(site, layout, fields[key], reach_m)
     if not site.scenario.sensor.looks_along_path:
-        lines = [_with_places(line, _AT_WAYPOINTS * reach_m) for line in lines]
+        lines = [_with_positions(line, _AT_WAYPOINTS * reach_m) for line in lines]
     polyline = np.vstack(in_good_order([np.column_stack([line, np.zeros(len(line))]) for line in lines], None))[:, :2]
-    way, surface = way_cost_of(site), site.ground.surface
+    path_cost, surface = path_cost_of(site), site.ground.surface
     both = [_laid(site, np.ascontiguousarray(line), layout) for line in (polyline, polyline[::-1])]
-    return Route(min(both, key=lambda points: float(route_cost(surface, way, points))))
+    return Route(min(both, key=lambda points: float(route_cost(surface, path_cost, points))))
 
 
-def _with_places(line: FloatArray, apart_m: float) -> FloatArray:
+def _with_positions(line: FloatArray, apart_m: float) -> FloatArray:
     """(k, 2) positions along a line at most the permitted distance apart, with both ends."""
     string = shapely.LineString(line)
     count = max(1, math.ceil(string.length / apart_m - 1e-9))
-    places = shapely.line_interpolate_point(string, np.linspace(0.0, string.length, count + 1))
-    return np.asarray(shapely.get_coordinates(places))
+    positions = shapely.line_interpolate_point(string, np.linspace(0.0, string.length, count + 1))
+    return np.asarray(shapely.get_coordinates(positions))
 
 
 def _laid(site: Site, polyline_m: FloatArray, layout: ContourLayout) -> FloatArray:
@@ -234,7 +234,7 @@ def _pieces(site: Site, layout: ContourLayout, field: LineField, reach_m: float)
         cut = shapely.get_parts(shapely.intersection(whole, flown))
         lines = shapely.MultiLineString([line for line in cut if line.geom_type == "LineString" and line.length > 0.0])
         for line in shapely.get_parts(shapely.line_merge(lines)):
-            corners = shapely.get_coordinates(line.simplify(_STRAIGHT_SHARE * reach_m))
+            corners = shapely.get_coordinates(line.simplify(_STRAIGHT_FRACTION * reach_m))
             longest = max(longest, (line.length, [corners]), key=lambda item: item[0])
             if line.length >= shortest_m:
                 found.append(corners)
@@ -266,7 +266,7 @@ def layouts_to_try(site: Site) -> Iterator[list[ContourLayout]]:
     limits = site.scenario.limits
     middle_agl_m = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
     yield [plain]
-    for straightening in sorted(_STRAIGHTENINGS, key=lambda share: share != plain.straightening):
+    for straightening in sorted(_STRAIGHTENINGS, key=lambda fraction: fraction != plain.straightening):
         for smoothing in _SMOOTHINGS:
             yield [
                 dataclasses.replace(

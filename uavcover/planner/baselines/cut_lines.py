@@ -14,9 +14,9 @@ import shapely
 
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import leg_times
+from uavcover.kernels.path_cost import LENGTH
 from uavcover.kernels.tours import nearest, shorten
-from uavcover.kernels.way_cost import LENGTH
-from uavcover.missions.way_cost import way_cost_of
+from uavcover.missions.path_cost import path_cost_of
 from uavcover.model.route import Route
 from uavcover.planner.baselines.boustrophedon import (
     Baseline,
@@ -27,7 +27,7 @@ from uavcover.planner.baselines.boustrophedon import (
     to_lines_frame,
     width_across_m,
 )
-from uavcover.planner.terrain_following import PLAIN_TOLERANCE_M, flyable_ways, lay_over_terrain
+from uavcover.planner.terrain_following import PLAIN_TOLERANCE_M, flyable_paths, lay_over_terrain
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
@@ -45,7 +45,7 @@ _DIRECTIONS = 3
 
 _MOST_ROUTES = 6
 
-_NEAR, _BEGINNINGS, _KICKS_PER_END, _MOST_ENDS = 10, 8, 60, 700
+_NEAR, _TRIALS, _KICKS_PER_END, _MOST_ENDS = 10, 8, 60, 700
 """Ends that an end may be linked with; orders that are begun with; changes that are tried of each; and ends beyond which a
 table of all links takes too long."""
 
@@ -84,11 +84,11 @@ def cut_lines(site: Site, goal: float, is_over: Callable[[], bool] = lambda: Fal
         is_over: whether the time is over; the first order of each route is always improved.
     """
     height_m = best_height_agl_m(site)
-    for share in _LINES:
+    for fraction in _LINES:
         made: list[tuple[float, Pieces]] = []
         for angle in directions_rad(site):
             reach_m = strip_half_width_m(site, angle, height_m)
-            lines = max(1, math.ceil(share * width_across_m(site, angle) / (2.0 * reach_m) - 1e-9))
+            lines = max(1, math.ceil(fraction * width_across_m(site, angle) / (2.0 * reach_m) - 1e-9))
             pieces = cut_pieces(site, angle, lines=lines, reach_m=reach_m, height_agl_m=height_m, goal=goal)
             if 0 < 2 * len(pieces.ends_m) <= _MOST_ENDS:
                 # A link is at least as long as lines are apart.
@@ -123,7 +123,8 @@ def cut_pieces(site: Site, angle_rad: float, *, lines: int, reach_m: float, heig
     """
     turn = to_lines_frame(angle_rad)
     area, open_to = (
-        shapely.transform(each, lambda places: places @ turn.T) for each in (site.area, flyable_area(site).polygon)
+        shapely.transform(each, lambda positions: positions @ turn.T)
+        for each in (site.area, flyable_area(site).polygon)
     )
     west, south, east, north = area.bounds
     across = south + (np.arange(lines) + 0.5) * (north - south) / lines
@@ -137,8 +138,8 @@ def cut_pieces(site: Site, angle_rad: float, *, lines: int, reach_m: float, heig
     kept = shapely.get_parts(shapely.line_merge(shapely.intersection(shapely.union_all(whole), open_to)))
     found = [shapely.get_coordinates(piece)[[0, -1]] for piece in kept if piece.length > _POINT_M]
     for _ in range(_ROUNDS):
-        strips_seen = shapely.buffer(shapely.linestrings(np.array(found)), reach_m) if found else np.empty(0)
-        missed = shapely.get_parts(shapely.difference(area, shapely.union_all(strips_seen)))
+        strips_observed = shapely.buffer(shapely.linestrings(np.array(found)), reach_m) if found else np.empty(0)
+        missed = shapely.get_parts(shapely.difference(area, shapely.union_all(strips_observed)))
         missed = missed[np.argsort(-shapely.area(missed), kind="stable")]
         left_m2 = float(shapely.area(missed).sum()) - np.cumsum(shapely.area(missed))
         # Of what is missed the largest parts, until the rest does not matter.
@@ -159,26 +160,26 @@ def _through(part: shapely.Geometry, open_to: shapely.Geometry, reach_m: float) 
         pieces = shapely.get_parts(shapely.intersection(axis, open_to))
         if len(pieces) > 0 and (longest := max(pieces, key=lambda each: float(each.length))).length > _POINT_M:
             return np.asarray(shapely.get_coordinates(longest)[[0, -1]])
-    place = shapely.get_coordinates(shapely.shortest_line(open_to, shapely.centroid(circle)))[0]
-    return np.array([place, place + np.array([_POINT_M, 0.0])])
+    position = shapely.get_coordinates(shapely.shortest_line(open_to, shapely.centroid(circle)))[0]
+    return np.array([position, position + np.array([_POINT_M, 0.0])])
 
 
 def ordered_route(site: Site, pieces: Pieces, is_over: Callable[[], bool] = lambda: False) -> Route:
     """The route along pieces in a short order, around zones and bays between them, laid over the terrain."""
-    places = pieces.ends_m.reshape(-1, 2)
-    if site.home_m is not None and way_cost_of(site).mission == 1:
-        places = np.vstack([places, site.home_m[:2]])
+    positions = pieces.ends_m.reshape(-1, 2)
+    if site.home_m is not None and path_cost_of(site).mission == 1:
+        positions = np.vstack([positions, site.home_m[:2]])
     # Where there is no home, the last end of the table is near to all others.
     number = len(pieces.ends_m) * 2
-    ways = _Ways(site, places)
+    paths = _Paths(site, positions)
     cost = np.zeros((number + 1, number + 1))
-    cost[: len(places), : len(places)] = ways.cost
+    cost[: len(positions), : len(positions)] = paths.cost
     each = np.arange(0, number, 2)
     cost[each, each + 1] = cost[each + 1, each] = _STAYS
     near, rng = nearest(cost, min(_NEAR, number)), np.random.default_rng(0)
     best, least = np.arange(number + 1), math.inf
-    for beginning in range(_BEGINNINGS):
-        if beginning > 0 and is_over():
+    for trial in range(_TRIALS):
+        if trial > 0 and is_over():
             break
         pieces_order = rng.permutation(number // 2)
         begin = np.append(2 * np.repeat(pieces_order, 2) + np.tile([0, 1], number // 2), number)
@@ -186,26 +187,26 @@ def ordered_route(site: Site, pieces: Pieces, is_over: Callable[[], bool] = lamb
         if (length := float(cost[tour, np.roll(tour, -1)].sum())) < least:
             best, least = tour, length
     order = np.roll(best, -int(np.flatnonzero(best == number)[0]))[1:].tolist()
-    line = [places[order[:1]]]
-    line += [places[[b]] if a // 2 == b // 2 else ways.between(a, b)[1:] for a, b in itertools.pairwise(order)]
+    line = [positions[order[:1]]]
+    line += [positions[[b]] if a // 2 == b // 2 else paths.between(a, b)[1:] for a, b in itertools.pairwise(order)]
     points = np.vstack(line)
     points = points[np.append(True, np.hypot(*np.diff(points, axis=0).T) > 2.0 * _POINT_M)]
     heights = np.full(len(points), pieces.height_agl_m)
     return Route(lay_over_terrain(site, points, heights, tolerance_m=PLAIN_TOLERANCE_M))
 
 
-class _Ways:
+class _Paths:
     """Cheapest paths between positions, around zones and bays.
 
     Attributes:
         cost: (n, n) cost of the path from one position to another.
     """
 
-    def __init__(self, site: Site, places_m: FloatArray) -> None:
-        self._round = ways = flyable_ways(site)
-        count = len(places_m)
-        self._straight_only = len(ways.corners_m) > _MOST_CORNERS
-        self._nodes = places_m if self._straight_only else np.vstack([places_m, ways.corners_m])
+    def __init__(self, site: Site, positions_m: FloatArray) -> None:
+        self._round = paths = flyable_paths(site)
+        count = len(positions_m)
+        self._straight_only = len(paths.corners_m) > _MOST_CORNERS
+        self._nodes = positions_m if self._straight_only else np.vstack([positions_m, paths.corners_m])
         first, second = np.triu_indices(len(self._nodes), 1)
         ends = np.stack([self._nodes[first], self._nodes[second]], axis=1)
         straight = np.zeros((len(self._nodes), len(self._nodes)))
@@ -214,7 +215,7 @@ class _Ways:
             self.cost = straight
             return
         direct = np.zeros_like(straight, dtype=bool)
-        direct[first, second] = direct[second, first] = ways.are_straight(ends)
+        direct[first, second] = direct[second, first] = paths.are_straight(ends)
         from scipy.sparse.csgraph import dijkstra  # a tenth of a second to load
 
         found, self._before = dijkstra(
@@ -226,20 +227,20 @@ class _Ways:
     def between(self, a: int, b: int) -> FloatArray:
         """(k, 2) corners of the way from one place to another, both included."""
         if self._straight_only:
-            way_m = self._round.between(self._nodes[a], self._nodes[b])
-            return self._nodes[[a, b]] if way_m is None else way_m
-        way = [b]
-        while way[-1] != a:
-            before = int(self._before[a, way[-1]])
-            way.append(before if before >= 0 else a)
-        return self._nodes[way[::-1]]
+            path_m = self._round.between(self._nodes[a], self._nodes[b])
+            return self._nodes[[a, b]] if path_m is None else path_m
+        path = [b]
+        while path[-1] != a:
+            before = int(self._before[a, path[-1]])
+            path.append(before if before >= 0 else a)
+        return self._nodes[path[::-1]]
 
 
 def _leg_costs(site: Site, ends_m: FloatArray) -> FloatArray:
     """(n,) metres, or seconds from rest to rest, of (n, 2, 2) level legs."""
-    way = way_cost_of(site)
-    if way.unit == LENGTH:
+    path_cost = path_cost_of(site)
+    if path_cost.unit == LENGTH:
         return np.asarray(np.hypot(*(ends_m[:, 1] - ends_m[:, 0]).T))
     level = np.zeros((2 * len(ends_m), 3))
     level[:, :2] = ends_m.reshape(-1, 2)
-    return np.asarray(leg_times(way.pace, level)[::2])
+    return np.asarray(leg_times(path_cost.pace, level)[::2])

@@ -41,13 +41,13 @@ from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 
 _SPACING_CELLS = 0.25
-_MOST_PLACES = 60_000
+_MOST_POSITIONS = 60_000
 """Lattice points for sensing at waypoints: a finer lattice needs fewer waypoints for full coverage (docs/results/coverage.md)."""
 
 _MOST_PAIRS = 30e6
 """Places by the cells in their reach: about 20 s of processor time. Where that is more there are no more places than cells."""
 
-_FIRST_PLACES, _FINER, _LONGER = 1_000, 8, 5.0
+_FIRST_POSITIONS, _FINER, _LONGER = 1_000, 8, 5.0
 """Under a time budget so few places come first, then lattices of half the spacing, while there is time for them."""
 
 _SPACING_REACHES = 0.4
@@ -67,7 +67,7 @@ def constructed_routes(
     coverage: CoverageMap,  # on the planner's cells
     settings: PlannerSettings,  # which, and the seed
     *,
-    asked: float | None,  # required coverage of the visible ground, if any
+    required: float | None,  # required coverage of the visible ground, if any
     executor: Executor | None,  # evaluates routes in parallel
     # time left, called before each; the plain lines of each kind are always made, and coarse covers. Infinite: no limit.
     left_s: Callable[[], float],
@@ -95,7 +95,7 @@ def constructed_routes(
         found += contour_lines(coverage, executor, should_stop)
     covers: list[InitialRoute] = [name for name in names if name not in {"boustrophedon", "contour-lines"}]
     if covers:
-        for name, route in _cover_routes(coverage, covers, settings, 1.0 if asked is None else asked, left_s):
+        for name, route in _cover_routes(coverage, covers, settings, 1.0 if required is None else required, left_s):
             found += evaluated(coverage, name, [route], executor)
     return found
 
@@ -104,15 +104,15 @@ def _cover_routes(
     coverage: CoverageMap,
     names: Sequence[InitialRoute],
     settings: PlannerSettings,
-    asked: float,
+    required: float,
     left_s: Callable[[], float],
 ) -> list[tuple[InitialRoute, Route]]:
     """Routes of set covers on the finest lattice for which there is time, at least on a coarse one.
 
     Lines suit a sensor that observes at waypoints badly: they observe 81 % of a canyon, a coarse cover all of it.
     """
-    most = _most_places(coverage)
-    count = most if math.isinf(left_s()) else min(_FIRST_PLACES, most)
+    most = _most_positions(coverage)
+    count = most if math.isinf(left_s()) else min(_FIRST_POSITIONS, most)
     while True:
         before_s = left_s()
         candidates = _candidates(coverage, count)
@@ -121,7 +121,7 @@ def _cover_routes(
         made = [
             (name, route)
             for name in names
-            for route in _cover_routes_on(coverage, candidates, reduced, name, settings, asked, steps)
+            for route in _cover_routes_on(coverage, candidates, reduced, name, settings, required, steps)
         ]
         used_s = before_s - left_s()
         if count >= most or (made and _LONGER * used_s > left_s()):
@@ -160,11 +160,11 @@ def initial_names(coverage: CoverageMap, settings: PlannerSettings) -> Sequence[
     return ("boustrophedon",)
 
 
-def _most_places(coverage: CoverageMap) -> int:
+def _most_positions(coverage: CoverageMap) -> int:
     if coverage.site.scenario.sensor.looks_along_path:
         return 1  # of any number there is one lattice
     cells_each = math.pi * (horizontal_reach(coverage.sight) / coverage.grid.cells.size_m) ** 2
-    return int(min(_MOST_PLACES, max(_MOST_PAIRS / max(cells_each, 1.0), coverage.grid.count)))
+    return int(min(_MOST_POSITIONS, max(_MOST_PAIRS / max(cells_each, 1.0), coverage.grid.count)))
 
 
 def _candidates(coverage: CoverageMap, most: int) -> Candidates:
@@ -183,19 +183,20 @@ def _cover_routes_on(
     reduced: Reduced,
     name: InitialRoute,
     settings: PlannerSettings,
-    asked: float,
+    required: float,
     steps: int,
 ) -> list[Route]:
     """The route of one set cover, and that of the part of it which reaches the required coverage."""
     if name == "greedy-set-cover":
-        chosen = greedy_cover(reduced, asked)
+        chosen = greedy_cover(reduced, required)
     else:
         chosen = searched_cover(reduced, steps=steps, rng=np.random.default_rng([settings.seed, _STREAM]))
     if settings.encoding == "waypoints":
         chosen = cut_down(candidates, chosen, settings.capacity)
-    kinds = {each.size: each for each in (chosen, thinned(candidates, chosen, asked)) if each.size > 0}
+    kinds = {each.size: each for each in (chosen, thinned(candidates, chosen, required)) if each.size > 0}
     return [
-        tour_route(coverage.site, candidates.places_m[each], tolerance_m=PLAIN_TOLERANCE_M) for each in kinds.values()
+        tour_route(coverage.site, candidates.positions_m[each], tolerance_m=PLAIN_TOLERANCE_M)
+        for each in kinds.values()
     ]
 
 
@@ -226,8 +227,8 @@ def node_lines(site: Site) -> Iterator[Route]:
             by_line = _line_by_line(site, lines)
             heights = np.full(len(by_line), height_agl_m)
             yield Route(lay_over_terrain(site, by_line, heights, tolerance_m=PLAIN_TOLERANCE_M))
-            places = finite_heights(np.column_stack([nodes, site.ground.ups_m(nodes, height_agl_m)]))
-            yield tour_route(site, places, tolerance_m=PLAIN_TOLERANCE_M)
+            positions = finite_heights(np.column_stack([nodes, site.ground.ups_m(nodes, height_agl_m)]))
+            yield tour_route(site, positions, tolerance_m=PLAIN_TOLERANCE_M)
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,14 +259,14 @@ def _lattices(site: Site, height_agl_m: float) -> list[_Lattice]:
 
 def _lattices_for_one_look(site: Site, height_agl_m: float) -> list[_Lattice]:
     sensor = site.scenario.sensor
-    picture = sensor.flat_picture(height_agl_m)
-    if picture is None or sensor.heading_deg is None:
+    photo = sensor.flat_photo(height_agl_m)
+    if photo is None or sensor.heading_deg is None:
         reach_m = max(sensor.half_width_m(height_agl_m), site.scenario.area.cell_size_m)
         square_m, triangle_m = math.sqrt(2.0) * reach_m, math.sqrt(3.0) * reach_m
         kinds = ((square_m, square_m, False), (1.5 * reach_m, triangle_m, True))
         return [_Lattice(angle, *kind) for angle in directions_rad(site)[:_DIRECTIONS] for kind in kinds]
-    width_m, length_m = 2.0 * picture.half_width_m, picture.length_m
-    along, ahead_m = angle_of_heading_rad(sensor.heading_deg), 0.5 * (picture.near_m + picture.far_m)
+    width_m, length_m = 2.0 * photo.half_width_m, photo.length_m
+    along, ahead_m = angle_of_heading_rad(sensor.heading_deg), 0.5 * (photo.near_m + photo.far_m)
     heading = math.radians(sensor.heading_deg)
     shift_m = (-ahead_m * math.sin(heading), -ahead_m * math.cos(heading))
     return [
@@ -277,7 +278,7 @@ def _lattices_for_one_look(site: Site, height_agl_m: float) -> list[_Lattice]:
 def _nodes(site: Site, lattice: _Lattice, thinner: float) -> list[FloatArray]:
     """(k, 2) nodes of each line, evenly spaced over the part of the area in its strip."""
     turn = to_lines_frame(lattice.angle_rad)
-    area = shapely.transform(site.area, lambda places: places @ turn.T)
+    area = shapely.transform(site.area, lambda positions: positions @ turn.T)
     west, south, east, north = area.bounds
     borders = np.linspace(south, north, math.ceil((north - south) / (thinner * lattice.apart_m) - 1e-9) + 1)
     lines = []
@@ -286,26 +287,28 @@ def _nodes(site: Site, lattice: _Lattice, thinner: float) -> list[FloatArray]:
         along = []
         for begin, _, end, _ in sorted(shapely.bounds(parts[shapely.area(parts) > 0.0]).tolist()):
             count = max(1, math.ceil((end - begin) / (thinner * lattice.spacing_m) - 1e-9))
-            shares = (np.arange(count) + 0.5) / count
+            fractions = (np.arange(count) + 0.5) / count
             if lattice.staggered and number % 2 == 1:
-                shares = np.arange(count + 1) / count
-            along.append(begin + (end - begin) * shares)
+                fractions = np.arange(count + 1) / count
+            along.append(begin + (end - begin) * fractions)
         if along:
-            places = np.concatenate(along)
-            lines.append(np.column_stack([places, np.full(len(places), 0.5 * (low + high))]) @ turn + lattice.shift_m)
+            positions = np.concatenate(along)
+            lines.append(
+                np.column_stack([positions, np.full(len(positions), 0.5 * (low + high))]) @ turn + lattice.shift_m
+            )
     return lines
 
 
 def _line_by_line(site: Site, lines: Sequence[FloatArray]) -> FloatArray:
     """(n, 2) nodes back and forth, begun at the corner whose ends are nearest to home, or to the origin without a home."""
     home_m = np.zeros(2) if site.home_m is None else site.home_m[:2]
-    ways = [
+    paths = [
         np.vstack([line[:: -1 if (k + first) % 2 else 1] for k, line in enumerate(lines[::order])])
         for order in (1, -1)
         for first in (0, 1)
     ]
     # Of two ways that are as long, rounding must not choose.
-    return min(ways, key=lambda way_m: round(float(np.hypot(*(way_m[[0, -1]] - home_m).T).sum()), 3))
+    return min(paths, key=lambda path_m: round(float(np.hypot(*(path_m[[0, -1]] - home_m).T).sum()), 3))
 
 
 @dataclass(frozen=True, slots=True)
@@ -316,22 +319,22 @@ class NodeRows:
     columns: int  # nodes of a row
     # by how much of the distance between nodes every other row is shifted: 0, or 0.5 for a triangular lattice
     stagger: float
-    height_share: float  # of the allowed height band at each node, 0..1
+    height_fraction: float  # of the allowed height band at each node, 0..1
 
 
 def fly_rows(site: Site, layout: NodeRows) -> Route:
     """The route over a lattice; nodes outside the fence are omitted."""
     west, south, east, north = site.area.bounds
     dx, dy = (east - west) / layout.columns, (north - south) / layout.rows
-    places = []
+    positions = []
     for row in range(layout.rows):
         shift = layout.stagger * (0.5 if row % 2 else -0.5)
         x = west + dx * (np.arange(layout.columns) + 0.5 + shift)
         y = np.full(layout.columns, south + dy * (row + 0.5))
-        places.append(np.column_stack([x, y])[:: -1 if row % 2 else 1])
-    nodes = np.vstack(places)
+        positions.append(np.column_stack([x, y])[:: -1 if row % 2 else 1])
+    nodes = np.vstack(positions)
     low, high = allowed_band_m(site, nodes)
-    points = finite_heights(np.column_stack([nodes, low + layout.height_share * (high - low)]))
+    points = finite_heights(np.column_stack([nodes, low + layout.height_fraction * (high - low)]))
     if site.scenario.limits.applies_to == "legs" and len(points) > 1:
         points = lay_over_terrain(site, points[:, :2], site.ground.heights_agl_m(points), tolerance_m=0.0)
     return Route(points)
@@ -358,5 +361,5 @@ def scanned_rows(site: Site, *, most_nodes: int) -> Iterator[NodeRows]:
         for columns in range(1, most_nodes // rows + 1):
             if 0.5 <= columns / (rows * aspect) <= 2.0:
                 for stagger in (0.0, 0.5):
-                    for height_share in (0.0, 0.25, 0.5, 0.75, 1.0):
-                        yield NodeRows(rows, columns, stagger, height_share)
+                    for height_fraction in (0.0, 0.25, 0.5, 0.75, 1.0):
+                        yield NodeRows(rows, columns, stagger, height_fraction)

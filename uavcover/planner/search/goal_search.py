@@ -9,10 +9,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from uavcover.kernels.annealing import Prices
+from uavcover.kernels.annealing import Weights
 from uavcover.model.route import Route
-from uavcover.planner.search.closing import closed_beginning, closed_end, price_between
 from uavcover.planner.search.local_search import CHAINS, Chain, SearchStart, Work, best_starts, starts_of_chains
+from uavcover.planner.search.repair import penalty_between, repaired_end, repaired_start
 from uavcover.planner.search.route_problem import RouteJudge, state_of, with_safety
 
 LADDER = (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0)
@@ -28,7 +28,7 @@ def search_goals(
     work: Work,  # the problem and the remaining budget
     starts: Sequence[SearchStart],  # one at least
     *,
-    asked: float | None,  # required coverage of the visible ground, if any
+    required: float | None,  # required coverage of the visible ground, if any
     capacity: int,  # most waypoints
     until: float,  # fraction of all the work, 0..1, after which this search ends
     judge: RouteJudge,  # judges what is found; goals on the planner's cells are corrected by it
@@ -39,39 +39,39 @@ def search_goals(
         The initial solutions, and the ends of the stages.
     """
     begin, tuned = work.pace.fraction, work.tuning.goal
-    goals: Sequence[float] = [goal for goal in LADDER if asked is None or abs(goal - asked) > 0.002]
+    goals: Sequence[float] = [goal for goal in LADDER if required is None or abs(goal - required) > 0.002]
     known = list(starts)
-    if asked is not None:
-        end = begin + tuned.main_share * (until - begin)
-        finest = asked > tuned.nearly_all and work.finest is not None and not work.problem.free_order
-        middle = begin + (tuned.coarse_share if finest else 1.0) * (end - begin)
+    if required is not None:
+        end = begin + tuned.main_fraction * (until - begin)
+        finest = required > tuned.nearly_all and work.finest is not None and not work.problem.free_order
+        middle = begin + (tuned.coarse_fraction if finest else 1.0) * (end - begin)
         # What the search's cells lack of nearly all they cannot show: their price would only drive the route into detours.
         stages = (1.0,) if finest and work.problem.numbers.trigger_m == 0.0 else tuned.main_stages
         found = search_goal(
-            work, known, asked, capacity, (begin, middle), stages, judge,
-            most_short=tuned.most_short_at_first, later=0.0 if finest else end + tuned.closing_share * (until - begin),
+            work, known, required, capacity, (begin, middle), stages, judge,
+            most_short=tuned.most_short_at_first, later=0.0 if finest else end + tuned.repair_fraction * (until - begin),
         )  # fmt: skip
         if finest:
-            surest = _surest(work, starts, asked)
-            found += _on_finest_cells(work, [*found, *surest], asked, capacity, (middle, end), judge)
-        closing = tuned.closing_share_far if finest else tuned.closing_share
-        with_closing = min(work.pace.fraction, end) + closing * (until - begin)
-        closed = closed_end(work, found, asked, judge, until=with_closing)
-        from_beginning = closed is None
+            surest = _surest(work, starts, required)
+            found += _on_finest_cells(work, [*found, *surest], required, capacity, (middle, end), judge)
+        repair = tuned.repair_fraction_far if finest else tuned.repair_fraction
+        with_repair = min(work.pace.fraction, end) + repair * (until - begin)
+        closed = repaired_end(work, found, required, judge, until=with_repair)
+        from_start = closed is None
         if closed is None:
-            with_closing += (tuned.closing_share_far - closing) * (until - begin)
-            closed = closed_beginning(work, starts, found, asked, judge, until=with_closing, at_last=until)
+            with_repair += (tuned.repair_fraction_far - repair) * (until - begin)
+            closed = repaired_start(work, starts, found, required, judge, until=with_repair, at_last=until)
         known += found
         if closed is not None:
             judge.found(closed.route)
         if closed is not None and len(closed.route) <= capacity:
             again, end = search_from_closed(
-                work, closed, found[-1], asked, capacity, (end, until), tuned.closing_share * (until - begin), judge,
-                finest=finest, from_beginning=from_beginning,
+                work, closed, found[-1], required, capacity, (end, until), tuned.repair_fraction * (until - begin), judge,
+                finest=finest, from_start=from_start,
             )  # fmt: skip
             known += again
         elif end - work.pace.fraction > _ROUNDING:
-            known += search_goal(work, known, asked, capacity, (work.pace.fraction, end), tuned.main_stages, judge)
+            known += search_goal(work, known, required, capacity, (work.pace.fraction, end), tuned.main_stages, judge)
     else:
         end = begin
     ladder = until - end
@@ -85,8 +85,8 @@ def search_goals(
 
 
 def search_from_closed(
-    work: Work, closed: SearchStart, short: SearchStart, goal: float, capacity: int, share: tuple[float, float],
-    each: float, judge: RouteJudge, *, finest: bool, from_beginning: bool,
+    work: Work, closed: SearchStart, short: SearchStart, goal: float, capacity: int, fraction: tuple[float, float],
+    each: float, judge: RouteJudge, *, finest: bool, from_start: bool,
 ) -> tuple[list[SearchStart], float]:  # fmt: skip
     """Search from a route with closed gaps, and again if that ends short of the goal.
 
@@ -96,34 +96,36 @@ def search_from_closed(
         short: the end that it was made from, or that it replaced.
         goal: fraction of the visible ground.
         capacity: largest number of waypoints.
-        share: of all the work: the end of the previous search, and the end of the last of these.
+        fraction: of all the work: the end of the previous search, and the end of the last of these.
         each: share of all the work for each of them, even if closing the gaps took longer.
         judge: evaluates routes, and closes their gaps.
         finest: whether to search the finest cells.
-        from_beginning: whether the closed route was an initial solution.
+        from_start: whether the closed route was an initial solution.
 
     Returns:
         The ends of the stages, and the share of all the work at which the last one ends.
     """
-    tuned, (end, until), out = work.tuning.goal, share, list[SearchStart]()
+    tuned, (end, until), out = work.tuning.goal, fraction, list[SearchStart]()
     end += each
-    stages = tuned.main_stages if from_beginning else tuned.stages
+    stages = tuned.main_stages if from_start else tuned.stages
     for _ in range(tuned.closed_again):
         end = min(until, max(end, work.pace.fraction + each))
-        share = min(work.pace.fraction, end), end
+        fraction = min(work.pace.fraction, end), end
         if finest:
-            again = _on_finest_cells(work, [closed], goal, capacity, share, judge)
+            again = _on_finest_cells(work, [closed], goal, capacity, fraction, judge)
         else:
             # With the previous penalty, the search would open the gaps again; above ``nearly_all``, the penalty is high
             # anyway.
-            price = None
-            if from_beginning or goal <= tuned.nearly_all:
-                price = min(tuned.most_price, tuned.dear_ground * price_between(work.problem, short, closed))
-            again = search_goal(work, [closed], goal, capacity, share, stages, judge, closed=True, coverage_price=price)
+            penalty = None
+            if from_start or goal <= tuned.nearly_all:
+                penalty = min(tuned.most_penalty, tuned.costly_ground * penalty_between(work.problem, short, closed))
+            again = search_goal(
+                work, [closed], goal, capacity, fraction, stages, judge, closed=True, coverage_penalty=penalty
+            )
         out += again
         # Cells of the search may observe all where those that judge lack a few.
-        last = closed_end(
-            work, again, goal, judge, until=end + each, least_short=tuned.most_closed_after if from_beginning else 0
+        last = repaired_end(
+            work, again, goal, judge, until=end + each, least_short=tuned.most_closed_after if from_start else 0
         )
         if last is None:
             break
@@ -136,7 +138,12 @@ def search_from_closed(
 
 
 def _on_finest_cells(
-    work: Work, found: Sequence[SearchStart], goal: float, capacity: int, share: tuple[float, float], judge: RouteJudge
+    work: Work,
+    found: Sequence[SearchStart],
+    goal: float,
+    capacity: int,
+    fraction: tuple[float, float],
+    judge: RouteJudge,
 ) -> list[SearchStart]:
     """Search for nearly all ground on the finest cells, from the best end and from the surest initial solution.
 
@@ -144,18 +151,20 @@ def _on_finest_cells(
     more while the search misses the goal.
     """
     coarse, tuned, out = work.problem, work.tuning.goal, list[SearchStart]()
-    price, judged_ones, fresh = tuned.finest_price, list[tuple[SearchStart, float]](), list(found)
+    penalty, judged_ones, fresh = tuned.finest_penalty, list[tuple[SearchStart, float]](), list(found)
 
-    def cheapest(price: float) -> tuple[SearchStart, float]:
-        return min(judged_ones, key=lambda one: tuned.start_cost(coarse.cost(one[0].route), one[1], goal, price=price))
+    def cheapest(penalty: float) -> tuple[SearchStart, float]:
+        return min(
+            judged_ones, key=lambda one: tuned.start_cost(coarse.cost(one[0].route), one[1], goal, penalty=penalty)
+        )
 
-    for number, (begin, end) in enumerate(itertools.pairwise(np.linspace(*share, _ROUNDS + 1).tolist())):
+    for number, (begin, end) in enumerate(itertools.pairwise(np.linspace(*fraction, _ROUNDS + 1).tolist())):
         judged_ones += [(each, judge.coverage(each.route, goal)) for each in fresh]
         if not judged_ones or work.stopped or work.finest is None:
             break
-        if number > 0 and cheapest(price)[1] < goal:
-            price *= tuned.finest_price_step
-        (best, judged), (surest, _) = cheapest(price), cheapest(tuned.sure_price)
+        if number > 0 and cheapest(penalty)[1] < goal:
+            penalty *= tuned.finest_penalty_step
+        (best, judged), (surest, _) = cheapest(penalty), cheapest(tuned.sure_penalty)
         work.problem = work.finest(best.route, judged)
         fresh = search_goal(
             work,
@@ -166,7 +175,7 @@ def _on_finest_cells(
             tuned.stages,
             judge,
             closed=True,
-            price_factor=price,
+            penalty_factor=penalty,
             heat_factor=tuned.closed_heat * tuned.finest_cooler**number,
         )
         out += fresh
@@ -179,7 +188,7 @@ def _surest(work: Work, starts: Sequence[SearchStart], goal: float) -> list[Sear
     tuned = work.tuning.goal
 
     def merit(each: SearchStart) -> float:
-        return tuned.start_cost(work.problem.cost(each.route), each.seen, goal, price=tuned.sure_price)
+        return tuned.start_cost(work.problem.cost(each.route), each.observed, goal, penalty=tuned.sure_penalty)
 
     return sorted(starts, key=merit)[:_SUREST]
 
@@ -189,7 +198,7 @@ def search_goal(
     starts: Sequence[SearchStart],  # one at least
     goal: float,  # fraction of the visible ground
     capacity: int,  # most waypoints
-    share: tuple[float, float],  # of all the work, 0..1, where this search begins and ends
+    fraction: tuple[float, float],  # of all the work, 0..1, where this search begins and ends
     stages: Sequence[float],  # fractions of this search's work after which the goal is corrected, the last is 1
     judge: RouteJudge,  # judges what is found
     *,
@@ -199,9 +208,10 @@ def search_goal(
     # where nearly everything is to be observed, not to open them again
     closed: bool = False,
     # factor of the price of coverage where the beginning is closed and nearly everything is to be observed
-    price_factor: float | None = None,
+    penalty_factor: float | None = None,
     heat_factor: float | None = None,  # factor of the temperature there
-    coverage_price: float | None = None,  # of all coverage, in lengths of the route, where it is higher than by default
+    coverage_penalty: float
+    | None = None,  # of all coverage, in lengths of the route, where it is higher than by default
     most_short: float = 1.0,  # the first stage may miss the goal by this share; by more, and the search ends there
     # fraction of all the work until which further, short stages may follow while they get nearer to the goal
     later: float = 0.0,
@@ -213,11 +223,11 @@ def search_goal(
     Returns:
         The ends of the stages, as initial solutions for other goals.
     """
-    begin, end = share
+    begin, end = fraction
     tuned, free_order = work.tuning.goal, work.tuning.free_order
     aim = with_safety(goal)
-    price_of_goal = tuned.nearly_all_price if goal > tuned.nearly_all else tuned.coverage_price
-    price_of_goal = max(price_of_goal, 0.0 if coverage_price is None else coverage_price)
+    penalty_of_goal = tuned.nearly_all_penalty if goal > tuned.nearly_all else tuned.coverage_penalty
+    penalty_of_goal = max(penalty_of_goal, 0.0 if coverage_penalty is None else coverage_penalty)
     waypoint_m = (tuned.waypoint_price if waypoint_price is None else waypoint_price) * work.problem.reach_m
     ranked_by_m = 0.0 if waypoint_price is None else waypoint_m
     ranked = starts_of_chains(work.problem, best_starts(work.problem, starts, goal, ranked_by_m, tuned), goal, tuned)
@@ -227,15 +237,17 @@ def search_goal(
     # With a free order, one chain rebuilds. It is far better for single targets; the other is better if heights matter.
     rebuilt = [free_order.rebuilt if k == 0 else 0.0 for k in range(CHAINS)]
     chains = [
-        _chain(work, ranked[k % len(ranked)].route, aim, capacity, waypoint_m, price_of_goal, rebuilt[k])
+        _chain(work, ranked[k % len(ranked)].route, aim, capacity, waypoint_m, penalty_of_goal, rebuilt[k])
         for k in range(CHAINS)
     ]
     for chain in chains:
         if closed and goal > tuned.nearly_all and not work.problem.free_order:
             chain.hottest *= heat_factor or tuned.closed_heat
-            chain.prices = chain.prices._replace(coverage=chain.prices.coverage * (price_factor or tuned.closed_dearer))
-        aim = _corrected(goal, chain.seen, judge.coverage(chain.route, goal))
-        chain.prices = chain.prices._replace(goal=aim)
+            chain.weights = chain.weights._replace(
+                coverage=chain.weights.coverage * (penalty_factor or tuned.closed_costlier)
+            )
+        aim = _corrected(goal, chain.observed, judge.coverage(chain.route, goal))
+        chain.weights = chain.weights._replace(goal=aim)
     # Two routes were judged; a correction judges one.
     work.correction = 0.5 * (work.pace.fraction - before)
     heated = chains if work.problem.free_order else [chains[0]] * CHAINS
@@ -246,7 +258,7 @@ def search_goal(
         work.run(chains, until=begin + free_order.quench * (end - begin))
         for chain in chains:
             judge.found(chain.route)
-    price = max(chain.prices.coverage for chain in chains)
+    penalty = max(chain.weights.coverage for chain in chains)
     out: list[SearchStart] = []
     reached, warm = closed, 0.0
     short, short_before = math.inf, math.inf
@@ -270,7 +282,7 @@ def search_goal(
         judged = judge.coverage(best.route, goal)
         # The first correction prepares all cells; later ones are cheaper.
         work.correction = work.pace.fraction - before
-        out.append(SearchStart(best.route, best.seen))
+        out.append(SearchStart(best.route, best.observed))
         if goal - judged > most_short and len(out) == 1 and not work.problem.free_order:
             judge.found(best.route)
             break
@@ -281,20 +293,22 @@ def search_goal(
                 judge.found(best.route)
         if not more or work.stopped:
             break
-        aim = _corrected(goal, best.seen, judged)
+        aim = _corrected(goal, best.observed, judged)
         if warm == 0.0:
-            chains = [_chain(work, best.route, aim, capacity, waypoint_m, price_of_goal, share) for share in rebuilt]
+            chains = [
+                _chain(work, best.route, aim, capacity, waypoint_m, penalty_of_goal, fraction) for fraction in rebuilt
+            ]
         # Where coverage costs more than its price, the price rises until the goal is worth reaching.
-        price *= tuned.price_rise(goal - judged) ** steps
+        penalty *= tuned.penalty_rise(goal - judged) ** steps
         for chain in chains:
-            chain.prices = chain.prices._replace(coverage=price, goal=aim)
+            chain.weights = chain.weights._replace(coverage=penalty, goal=aim)
         warm = stage
     return out
 
 
-def _most_goals(work: Work, share: float) -> int:
+def _most_goals(work: Work, fraction: float) -> int:
     """Number of goals that fit a fraction of all work. Evaluating their routes should be the smallest part of it."""
-    return int(share / max(work.tuning.goal.goal_per_correction * work.correction, 1e-9))
+    return int(fraction / max(work.tuning.goal.goal_per_correction * work.correction, 1e-9))
 
 
 def _thinned(goals: Sequence[float], most: int) -> Sequence[float]:
@@ -316,31 +330,31 @@ def _next_stage(stages: Sequence[float], begun: float, least: float) -> tuple[fl
     return later[-1], len(later)
 
 
-def _corrected(goal: float, seen: float, judged: float) -> float:
+def _corrected(goal: float, observed: float, judged: float) -> float:
     """The goal on the search's cells, corrected by the difference from the evaluated coverage of a route."""
-    return min(1.0, max(0.0, seen + with_safety(goal) - judged))
+    return min(1.0, max(0.0, observed + with_safety(goal) - judged))
 
 
 def _chain(
-    work: Work, route: Route, goal: float, capacity: int, waypoint_m: float, coverage_price: float, rebuilt: float
+    work: Work, route: Route, goal: float, capacity: int, waypoint_m: float, coverage_penalty: float, rebuilt: float
 ) -> Chain:
     tuned, free_order = work.tuning.goal, work.tuning.free_order
     metres = work.problem.metres_per_cost(route)
-    way_m = max(metres * work.problem.cost(route), work.problem.reach_m)
+    metre_cost = max(metres * work.problem.cost(route), work.problem.reach_m)
     free = work.problem.free_order
     cells = np.count_nonzero(work.problem.numbers.weight)
     fewest = 1 if work.problem.free_order else 2
-    heat = tuned.heat_of_length(way_m / work.problem.reach_m) if work.problem.is_of_length else tuned.hottest
+    heat = tuned.heat_of_length(metre_cost / work.problem.reach_m) if work.problem.is_of_length else tuned.hottest
     state = state_of(work.problem, route, capacity=capacity)
     return Chain(
         problem=work.problem,
         state=state,
-        prices=Prices(
+        weights=Weights(
             metres,
             waypoint_m,
-            max(free_order.tour_coverage_price * work.problem.reach_m, way_m if goal >= 1.0 else 0.0) * cells
+            max(free_order.tour_coverage_penalty * work.problem.reach_m, metre_cost if goal >= 1.0 else 0.0) * cells
             if free
-            else coverage_price * (way_m + tuned.dear_waypoints * waypoint_m * len(route)),
+            else coverage_penalty * (metre_cost + tuned.costly_waypoints * waypoint_m * len(route)),
             goal,
         ),
         hottest=(free_order.hottest_tour(rebuilt) if free else heat) * work.problem.reach_m
@@ -368,8 +382,8 @@ def search_waypoints(
     each = (until - begin) / len(prices)
     known = list(starts)
     for number, price in enumerate(prices):
-        share = (begin + number * each, begin + (number + 1) * each)
+        fraction = (begin + number * each, begin + (number + 1) * each)
         known += search_goal(
-            work, known, goal, capacity, share, tuned.waypoint_stages, judge, waypoint_price=price
+            work, known, goal, capacity, fraction, tuned.waypoint_stages, judge, waypoint_price=price
         )  # fmt: skip
     return known

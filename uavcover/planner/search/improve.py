@@ -14,10 +14,9 @@ from uavcover.kernels.tours import short_tour
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
-from uavcover.planner.budget import SHARES
-from uavcover.planner.final_changes import surely, with_sound_corners
+from uavcover.planner.budget import FRACTIONS
+from uavcover.planner.final_changes import certainly, with_sound_corners
 from uavcover.planner.front import Candidate
-from uavcover.planner.search.closing import with_gaps_closed
 from uavcover.planner.search.goal_search import search_goals, search_waypoints
 from uavcover.planner.search.local_search import (
     CHAINS,
@@ -33,22 +32,23 @@ from uavcover.planner.search.local_search import (
     search_problem,
 )
 from uavcover.planner.search.optimizer_search import Effort, SearchProgress, SearchRun
+from uavcover.planner.search.repair import with_gaps_closed
 from uavcover.planner.search.route_problem import (
     MOST_WAYPOINTS,
     OneAfterTheOther,
     RouteJudge,
     RouteProblem,
+    fraction_observed,
     route_problem,
-    share_seen,
     with_safety,
 )
 from uavcover.planner.search.tour_with_neighbourhoods import search_free_order
 from uavcover.planner.search.tuning import TUNED, GoalTuning, SearchTuning
 from uavcover.planner.selection_rule import Rule
-from uavcover.planner.terrain_following import mended_routes
+from uavcover.planner.terrain_following import repaired_routes
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.flown_line import line_flown, pictures_on, places_passed_m
+from uavcover.sensing.flown_line import line_flown, photos_on, positions_passed_m
 from uavcover.sensing.sensors import trigger_distance_m
 from uavcover.sensing.site_maps import finer_map, judging_maps
 
@@ -84,27 +84,29 @@ def improve(
     """Improve routes by local search."""
     site, effort = coverage.site, run.effort
     left = max(0, effort.evaluations - evaluations_done) if effort.budget_s is None else 1
-    asked, tuned = rule.required_coverage, tuning.goal
-    goal = _FLOWN if asked is None else asked
+    required, tuned = rule.required_coverage, tuning.goal
+    goal = _FLOWN if required is None else required
     starts = _starts(coverage, candidates, settings)
-    mended: list[SearchStart] = []
-    if all(start.seen < goal for start in starts):
-        mended = _mended_starts(coverage, candidates, lambda: effort.is_over(run.started, share=SHARES.mended))
-        starts += mended
-    if mended:
-        best = max(mended, key=lambda start: start.seen)
-        seen = best.seen * coverage.share(coverage.coverable)
-        run.on_progress(SearchProgress(evaluations_done, effort.evaluations, seen, None, best.route))
-    kept = [start.route for start in mended]
+    repaired: list[SearchStart] = []
+    if all(start.observed < goal for start in starts):
+        repaired = _repaired_starts(
+            coverage, candidates, lambda: effort.is_over(run.started, fraction=FRACTIONS.repaired)
+        )
+        starts += repaired
+    if repaired:
+        best = max(repaired, key=lambda start: start.observed)
+        observed = best.observed * coverage.fraction(coverage.coverable)
+        run.on_progress(SearchProgress(evaluations_done, effort.evaluations, observed, None, best.route))
+    kept = [start.route for start in repaired]
     if not starts or left == 0 or effort.is_over(run.started):
         return Improved(tuple(kept), 0, interrupted=False)
-    counted_surely = search_problem(coverage, judging, starts, goal)
-    problem = counted_as_judged(counted_surely, judging, starts)
+    counted_certainly = search_problem(coverage, judging, starts, goal)
+    problem = counted_as_judged(counted_certainly, judging, starts)
     nearly = tuned.nearly_all_on_finest
     prepared = 0.0 if effort.budget_s is None else (effort.now() - run.started) / effort.budget_s
-    if problem is not counted_surely and prepared <= tuned.most_prepared:
+    if problem is not counted_certainly and prepared <= tuned.most_prepared:
         nearly = tuned.likely_on_finest
-    finer = finer_map(site) if asked is not None and asked > nearly else None
+    finer = finer_map(site) if required is not None and required > nearly else None
     if finer is not None:
         tuned = replace(tuned, nearly_all=nearly)
         tuning = replace(tuning, goal=tuned)
@@ -115,7 +117,7 @@ def improve(
     else:
         pace = PaceByClock(effort.now, run.started + effort.budget_s)
     judging_of = _Judging(site, judging, judges, problem, tuned, run.executor, kept)
-    progress = _Progress(coverage, problem, starts, pace, effort, evaluations_done, asked, run.on_progress)
+    progress = _Progress(coverage, problem, starts, pace, effort, evaluations_done, required, run.on_progress)
     seeds = np.random.SeedSequence([settings.seed, _LOCAL_SEARCH_STREAM]).spawn(CHAINS)
     generators = [np.random.default_rng(seed) for seed in seeds]
 
@@ -134,16 +136,18 @@ def improve(
         lambda route, goal: exactly(judging_of.as_chosen(route), goal), judging_of.keep, judging_of.closed
     )
     if problem.free_order:
-        search_free_order(work, starts, asked=asked, capacity=capacity, judge=judge)
+        search_free_order(work, starts, required=required, capacity=capacity, judge=judge)
     else:
         known = search_goals(
-            work, starts, asked=asked, capacity=capacity, until=1.0 - tuned.waypoint_share, judge=judge
+            work, starts, required=required, capacity=capacity, until=1.0 - tuned.waypoint_fraction, judge=judge
         )
         finer = finer_map(site)
         if finer is not None:
             # The final choice needs these cells, so prepare them while there is time.
             _ = finer.coverable
-        on_these_cells = RouteJudge(lambda route, _: share_seen(judging_of.as_chosen(route), judging), judging_of.keep)
+        on_these_cells = RouteJudge(
+            lambda route, _: fraction_observed(judging_of.as_chosen(route), judging), judging_of.keep
+        )
         search_waypoints(work, known, goal=goal, capacity=capacity, until=1.0, judge=on_these_cells)
     return Improved(tuple(judging_of.kept), work.proposals // PROPOSALS_PER_EVALUATION, work.stopped)
 
@@ -162,7 +166,7 @@ class _Judging:
 
     def as_chosen(self, route: Route) -> Route:
         """The route with sure photos and sound corners, as a final choice requires. Long routes lose some coverage."""
-        return with_sound_corners(self.site, surely(self.site, route))
+        return with_sound_corners(self.site, certainly(self.site, route))
 
     def keep(self, route: Route) -> None:
         """Store a route in the form of a final choice."""
@@ -170,8 +174,8 @@ class _Judging:
 
     def on_each(self, route: Route, _goal: float) -> float:
         """The least coverage of a route on any map."""
-        seen = map if self.executor is None else self.executor.map
-        return min(seen(partial(share_seen, route), self.judges))
+        observed = map if self.executor is None else self.executor.map
+        return min(observed(partial(fraction_observed, route), self.judges))
 
     def closed(self, route: Route, goal: float, is_over: Callable[[], bool]) -> Route | None:
         """The route with its gaps closed; None if it reaches the goal, or has too many gaps."""
@@ -179,16 +183,18 @@ class _Judging:
         judges = self.judges if nearly else [self.judging]
         reaches = None
         # Far from the goal, closing gaps is not worth the time.
-        if aim - _least_seen(begun, judges) <= self.tuned.most_short:
-            price = self.tuned.nearly_all_price * self.tuned.closed_dearer if nearly else self.tuned.waiting_price
+        if aim - _least_coverage(begun, judges) <= self.tuned.most_short:
+            penalty = (
+                self.tuned.nearly_all_penalty * self.tuned.closed_costlier if nearly else self.tuned.waiting_penalty
+            )
             begun = with_turns_further_out(
-                judges, begun, aim, cost=self.problem.cost, price=price, reach_m=_REACHES * self.problem.reach_m,
+                judges, begun, aim, cost=self.problem.cost, penalty=penalty, reach_m=_REACHES * self.problem.reach_m,
                 is_over=is_over,
             )  # fmt: skip
-            if _least_seen(begun, judges) >= 0.5 * (goal + aim):
+            if _least_coverage(begun, judges) >= 0.5 * (goal + aim):
                 return begun
-            reaches = begun if _least_seen(begun, judges) >= goal else None
-        least = min(judges, key=lambda judging: share_seen(begun, judging))
+            reaches = begun if _least_coverage(begun, judges) >= goal else None
+        least = min(judges, key=lambda judging: fraction_observed(begun, judging))
         whole = with_gaps_closed(least, begun, aim, self.tuned.closed, is_over, most_trials=self.tuned.most_trials)
         return min((each for each in (whole, reaches) if each is not None), key=self.problem.cost, default=None)
 
@@ -199,7 +205,7 @@ def _starts(coverage: CoverageMap, known: Sequence[Candidate], settings: Planner
     # Over terrain there are waypoints between the nodes of the encoding, which its capacity does not count.
     longest = settings.capacity if settings.encoding == "waypoints" and not legs else MOST_WAYPOINTS
     fewest = 2 if legs else 1
-    coverable = max(coverage.share(coverage.coverable), 1e-12)
+    coverable = max(coverage.fraction(coverage.coverable), 1e-12)
     return [
         SearchStart(each.route[0], min(1.0, -float(each.objectives[0]) / coverable))
         for each in known
@@ -207,12 +213,14 @@ def _starts(coverage: CoverageMap, known: Sequence[Candidate], settings: Planner
     ]
 
 
-_MOST_MENDED = 6
-_SEES_MOST = 0.5
+_MOST_REPAIRED = 6
+_OBSERVES_MOST = 0.5
 """Routes that observe at least this fraction of the most are repaired, those that break the limits by the least first."""
 
 
-def _mended_starts(coverage: CoverageMap, known: Sequence[Candidate], is_over: Callable[[], bool]) -> list[SearchStart]:
+def _repaired_starts(
+    coverage: CoverageMap, known: Sequence[Candidate], is_over: Callable[[], bool]
+) -> list[SearchStart]:
     """Routes made of stretches that keep the limits, of known ones that break them and observe more than all others."""
     site = coverage.site
     feasible = [float(each.objectives[0]) for each in known if each.violation <= 0.0]
@@ -220,11 +228,13 @@ def _mended_starts(coverage: CoverageMap, known: Sequence[Candidate], is_over: C
     if site.scenario.limits.applies_to != "legs" or not more:
         return []
     most = min(float(each.objectives[0]) for each in more)
-    seeing = [each for each in more if each.objectives[0] <= _SEES_MOST * most]
-    routes = [each.route[0] for each in sorted(seeing, key=lambda each: each.violation)[:_MOST_MENDED]]
+    seeing = [each for each in more if each.objectives[0] <= _OBSERVES_MOST * most]
+    routes = [each.route[0] for each in sorted(seeing, key=lambda each: each.violation)[:_MOST_REPAIRED]]
     problem = route_problem(coverage, margin_m=0.0, reach_m=0.0).numbers
-    mended = mended_routes(site, problem, routes, is_over)
-    return [SearchStart(route, share_seen(route, coverage)) for route in mended if len(route) <= MOST_WAYPOINTS]
+    repaired = repaired_routes(site, problem, routes, is_over)
+    return [
+        SearchStart(route, fraction_observed(route, coverage)) for route in repaired if len(route) <= MOST_WAYPOINTS
+    ]
 
 
 def _capacity(
@@ -253,29 +263,33 @@ class _Progress:
 
     def __init__(
         self, coverage: CoverageMap, problem: RouteProblem, starts: Sequence[SearchStart], pace: SearchPace, effort: Effort,
-        evaluations_done: int, asked: float | None, on_progress: Callable[[SearchProgress], None],
+        evaluations_done: int, required: float | None, on_progress: Callable[[SearchProgress], None],
     ) -> None:  # fmt: skip
-        self._coverable = coverage.share(coverage.coverable)
+        self._coverable = coverage.fraction(coverage.coverable)
         self._pace, self._effort, self._done = pace, effort, evaluations_done
-        self._asked, self._on_progress = asked, on_progress
-        self._best = max(start.seen for start in starts) * self._coverable
-        enough = [] if asked is None else [problem.cost_of_way(start.route) for start in starts if start.seen >= asked]
+        self._required, self._on_progress = required, on_progress
+        self._best = max(start.observed for start in starts) * self._coverable
+        enough = (
+            []
+            if required is None
+            else [problem.cost_of_path(start.route) for start in starts if start.observed >= required]
+        )
         self._shortest = min(enough, default=None)
 
     def report(self, proposals: int, chains: Sequence[Chain]) -> None:
         """Report the results of the chains after this number of proposals."""
         evaluations = self._done + proposals // PROPOSALS_PER_EVALUATION
-        self._best = max(self._best, *(chain.seen * self._coverable for chain in chains))
-        if self._asked is not None:
-            costs = [chain.problem.cost_of_way(chain.route) for chain in chains if chain.seen >= self._asked]
+        self._best = max(self._best, *(chain.observed * self._coverable for chain in chains))
+        if self._required is not None:
+            costs = [chain.problem.cost_of_path(chain.route) for chain in chains if chain.observed >= self._required]
             known = [] if self._shortest is None else [self._shortest]
             self._shortest = min([*known, *costs], default=None)
         total = self._effort.evaluations
         if self._effort.budget_s is not None:
             total = max(evaluations, round(evaluations / max(self._pace.fraction, 1e-3)))
-        enough = [chain for chain in chains if self._asked is not None and chain.seen >= self._asked]
-        best = min(enough, key=lambda chain: chain.problem.cost_of_way(chain.route), default=None)
-        incumbent = (best or max(chains, key=lambda chain: chain.seen)).route
+        enough = [chain for chain in chains if self._required is not None and chain.observed >= self._required]
+        best = min(enough, key=lambda chain: chain.problem.cost_of_path(chain.route), default=None)
+        incumbent = (best or max(chains, key=lambda chain: chain.observed)).route
         self._on_progress(SearchProgress(evaluations, total, self._best, self._shortest, incumbent))
 
 
@@ -288,7 +302,7 @@ class _Progress:
 _TURNS_RAD = math.radians(50.0)
 """Below this turn, the line and its photos continue."""
 
-_MOST_WAY = 0.75
+_MOST_WAIT = 0.75
 """Fraction of the trigger distance that a turn waits at most."""
 
 _MORE_M = (1.5, 6.0)
@@ -309,7 +323,7 @@ def with_turns_further_out(
     *,
     cost: Callable[[Route], float],  # of a route
     # of all coverage, in costs of the route: penalty for missing coverage, compared with the extra distance
-    price: float,
+    penalty: float,
     reach_m: float,  # farther from all missing ground, a waypoint stays
     is_over: Callable[[], bool],  # whether the time is over
 ) -> Route:
@@ -319,39 +333,39 @@ def with_turns_further_out(
         The route itself if no turn needs to move.
     """
     site = judges[0].site
-    best, seen, spent = route, _least_seen(route, judges), cost(route)
+    best, observed, spent = route, _least_coverage(route, judges), cost(route)
     violations = _violations(site, route)
     for _ in range(_SWEEPS):
         before = best
         missing_m = np.vstack([
-            each.grid.cells.centre_m[each.coverable & ~each.seen(best.waypoints_m), :2] for each in judges
+            each.grid.cells.centre_m[each.coverable & ~each.observed(best.waypoints_m), :2] for each in judges
         ])  # fmt: skip
-        for number, place_m in enumerate(before.waypoints_m):
-            if not len(missing_m) or np.hypot(*(missing_m - place_m[:2]).T).min() > reach_m:
+        for number, position_m in enumerate(before.waypoints_m):
+            if not len(missing_m) or np.hypot(*(missing_m - position_m[:2]).T).min() > reach_m:
                 continue
             worth = 0.0
             for other in itertools.chain(_waiting_at(site, best, number), _outward_at(site, best, number)):
-                if seen >= goal or is_over():
+                if observed >= goal or is_over():
                     return best
                 if _violations(site, other) > violations:
                     continue
                 # Each map can only lower the value of a change, so the large maps evaluate few.
-                sees, way = goal, cost(other) - spent
+                observes, extra = goal, cost(other) - spent
                 for judging in judges:
-                    if (sees - seen) * price * spent - way > worth:
-                        sees = min(sees, share_seen(other, judging))
-                more = (sees - seen) * price * spent - way
+                    if (observes - observed) * penalty * spent - extra > worth:
+                        observes = min(observes, fraction_observed(other, judging))
+                more = (observes - observed) * penalty * spent - extra
                 if more > worth:
                     worth, found = more, other
             if worth > 0.0:
-                best, seen, spent = found, _least_seen(found, judges), cost(found)
+                best, observed, spent = found, _least_coverage(found, judges), cost(found)
         if best is before:
             break
     return best
 
 
-def _least_seen(route: Route, judges: Sequence[CoverageMap]) -> float:
-    return min(share_seen(route, each) for each in judges)
+def _least_coverage(route: Route, judges: Sequence[CoverageMap]) -> float:
+    return min(fraction_observed(route, each) for each in judges)
 
 
 def _waiting_at(site: Site, route: Route, number: int) -> Iterator[Route]:
@@ -362,14 +376,14 @@ def _waiting_at(site: Site, route: Route, number: int) -> Iterator[Route]:
     onward = points[number, :2] - points[number - 1, :2]
     if number + 1 < len(points) and _turn_rad(onward, points[number + 1, :2] - points[number, :2]) < _TURNS_RAD:
         return
-    line_m = line_flown(site, points).places_m
-    pieces, pictures_m = pictures_on(line_m, trigger_m)
+    line_m = line_flown(site, points).positions_m
+    pieces, photos_m = photos_on(line_m, trigger_m)
     nearest = int(np.argmin(np.linalg.norm(line_m - points[number], axis=1)))
-    before, length_m = pictures_m[pieces < nearest], float(np.hypot(*onward))
+    before, length_m = photos_m[pieces < nearest], float(np.hypot(*onward))
     if len(before) == 0 or length_m == 0.0:
         return
     short_m = trigger_m - float(np.hypot(*(points[number] - before[-1])[:2]))
-    if not 0.0 < short_m <= _MOST_WAY * trigger_m:
+    if not 0.0 < short_m <= _MOST_WAIT * trigger_m:
         return
     for more_m in _MORE_M:
         yield from _moved(site, route, number, (short_m + more_m) / length_m * onward)
@@ -378,27 +392,27 @@ def _waiting_at(site: Site, route: Route, number: int) -> Iterator[Route]:
 def _outward_at(site: Site, route: Route, number: int) -> Iterator[Route]:
     """Routes with a waypoint moved outwards, or with one of its legs longer, if the vehicle cuts the corner."""
     points = route.waypoints_m
-    out_m = (points[number] - places_passed_m(site, points)[number])[:2]
+    out_m = (points[number] - positions_passed_m(site, points)[number])[:2]
     passed_m = float(np.hypot(*out_m))
     if passed_m < _PASSED_M:
         return
-    ways_m = [out_m]
+    moves_m = [out_m]
     for beside in (number - 1, number + 1):
         if 0 <= beside < len(points):
             leg_m = (points[number] - points[beside])[:2]
-            ways_m.append(passed_m / max(float(np.hypot(*leg_m)), _PASSED_M) * leg_m)
-    for way_m, share in itertools.product(ways_m, _OUTWARD):
-        yield from _moved(site, route, number, share * way_m)
+            moves_m.append(passed_m / max(float(np.hypot(*leg_m)), _PASSED_M) * leg_m)
+    for move_m, fraction in itertools.product(moves_m, _OUTWARD):
+        yield from _moved(site, route, number, fraction * move_m)
 
 
-def _moved(site: Site, route: Route, number: int, way_m: FloatArray) -> Iterator[Route]:
+def _moved(site: Site, route: Route, number: int, move_m: FloatArray) -> Iterator[Route]:
     """The route with a waypoint moved (2,) metres on the map at its height above ground; nothing outside the elevation data."""
     moved = np.array(route.waypoints_m)
     height_agl_m = site.ground.heights_agl_m(moved[number])
-    moved[number, :2] += way_m
+    moved[number, :2] += move_m
     moved[number, 2] = site.ground.ups_m(moved[number, :2], height_agl_m)[0]
     if np.isfinite(moved).all():
-        yield surely(site, Route(moved, route.begins))
+        yield certainly(site, Route(moved, route.begins))
 
 
 def _turn_rad(before: FloatArray, behind: FloatArray) -> float:

@@ -15,12 +15,12 @@ from typing import Protocol
 import numpy as np
 
 from uavcover.kernels import annealing
-from uavcover.kernels.annealing import Prices, Schedule
+from uavcover.kernels.annealing import Schedule, Weights
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.route_state import RouteState
 from uavcover.model.route import Route
 from uavcover.planner.baselines.boustrophedon import best_height_agl_m
-from uavcover.planner.search.route_problem import RouteProblem, route_problem, share_seen, state_of
+from uavcover.planner.search.route_problem import RouteProblem, fraction_observed, route_problem, state_of
 from uavcover.planner.search.tuning import TUNED, GoalTuning, SearchTuning
 from uavcover.scenario.site import Site
 from uavcover.sensing.cells import is_judged_on_smaller_cells, make_scattered_cells
@@ -111,7 +111,7 @@ class Chain:
 
     problem: RouteProblem  # the problem
     state: RouteState  # the route
-    prices: Prices  # of the energy
+    weights: Weights  # of the energy
     hottest: float  # temperature at the beginning of a stage
     coldest: float  # at its end
     step_m: float  # widest moves
@@ -125,18 +125,18 @@ class Chain:
         return Route(annealing.snapshot(self.state))
 
     @property
-    def seen(self) -> float:
+    def observed(self) -> float:
         """Fraction of the counted ground that is observed, 0..1."""
-        return float(self.state.seen[0])
+        return float(self.state.observed[0])
 
     @property
     def energy(self) -> float:
         """Energy that the chain minimises."""
         route = self.route
         return (
-            self.prices.way * self.problem.cost(route)
-            + self.prices.waypoint * len(route)
-            + annealing.energy_of_share(self.prices, self.seen)
+            self.weights.path * self.problem.cost(route)
+            + self.weights.waypoint * len(route)
+            + annealing.energy_of_coverage(self.weights, self.observed)
         )
 
 
@@ -173,16 +173,16 @@ class Work:
             if self.should_stop():
                 self.stopped = True
                 break
-            share = min(1.0, (self.pace.fraction - begin) / max(until - begin, 1e-12))
+            fraction = min(1.0, (self.pace.fraction - begin) / max(until - begin, 1e-12))
 
-            def one(number: int, batch: int = batch, share: float = share) -> None:
+            def one(number: int, batch: int = batch, fraction: float = fraction) -> None:
                 chain = chains[number]
-                temperature = chain.hottest * (chain.coldest / chain.hottest) ** share
+                temperature = chain.hottest * (chain.coldest / chain.hottest) ** fraction
                 schedule = Schedule(
                     batch, temperature, temperature, chain.step_m, chain.fewest, chain.most, self.tuning.moves,
                     chain.rebuilt, self.tuning.free_order.rebuilt_heat,
                 )  # fmt: skip
-                annealing.anneal(self.problem.numbers, chain.prices, schedule, chain.state, self.rngs[number])
+                annealing.anneal(self.problem.numbers, chain.weights, schedule, chain.state, self.rngs[number])
 
             numbers = range(len(chains))
             list(map(one, numbers) if self.executor is None else self.executor.map(one, numbers))
@@ -197,14 +197,14 @@ class SearchStart:
     """A feasible route to start from."""
 
     route: Route  # its waypoints
-    seen: float  # fraction of the visible ground that it observes on the planner's cells
+    observed: float  # fraction of the visible ground that it observes on the planner's cells
 
 
-def starts_worth_looking_at(
+def promising_starts(
     problem: RouteProblem,  # the problem
     routes: Sequence[Route],  # of any coverage
     goal: float,  # fraction of the visible ground
-    share_seen: Callable[[Route], float],  # fraction of the visible ground that a route observes
+    fraction_observed: Callable[[Route], float],  # fraction of the visible ground that a route observes
     tuned: GoalTuning = TUNED.goal,  # has the price of what is missing
 ) -> list[SearchStart]:
     """Routes as initial solutions for a goal, without those too expensive for :func:`best_starts`.
@@ -216,14 +216,14 @@ def starts_worth_looking_at(
         Initial solutions in the order of the routes; the best CHAINS of all are among them.
     """
     costs = [problem.cost(route) for route in routes]
-    looked: dict[int, SearchStart] = {}
+    evaluated: dict[int, SearchStart] = {}
     merits: list[float] = []
     for k in sorted(range(len(routes)), key=costs.__getitem__):
         if not problem.free_order and len(merits) >= CHAINS and costs[k] > merits[CHAINS - 1]:
             break
-        looked[k] = SearchStart(routes[k], share_seen(routes[k]))
-        bisect.insort(merits, _merit(problem, looked[k], goal, 0.0, tuned)[1])
-    return [looked[k] for k in sorted(looked)]
+        evaluated[k] = SearchStart(routes[k], fraction_observed(routes[k]))
+        bisect.insort(merits, _merit(problem, evaluated[k], goal, 0.0, tuned)[1])
+    return [evaluated[k] for k in sorted(evaluated)]
 
 
 def best_starts(
@@ -256,11 +256,13 @@ def starts_of_chains(
         return list(ranked[:CHAINS])
     most = tuned.other_lines * _merit(problem, best, goal, 0.0, tuned)[1]
     near = itertools.takewhile(lambda other: _merit(problem, other, goal, 0.0, tuned)[1] <= most, others)
-    different = (other for other in near if share_apart(best.route, other.route, 0.5 * problem.reach_m) > _OTHER_LINES)
+    different = (
+        other for other in near if fraction_apart(best.route, other.route, 0.5 * problem.reach_m) > _OTHER_LINES
+    )
     return [best, next(different, others[0])]
 
 
-def share_apart(route: Route, other: Route, apart_m: float) -> float:
+def fraction_apart(route: Route, other: Route, apart_m: float) -> float:
     """Fraction of the legs of a route without a nearby leg of the other one, 0..1; the larger one of both routes.
 
     Only legs in a similar direction count.
@@ -273,17 +275,17 @@ def share_apart(route: Route, other: Route, apart_m: float) -> float:
     if min(len(route), len(other)) < 2:
         return 1.0
     both = route.waypoints_m[:, :2], other.waypoints_m[:, :2]
-    return max(_share_without(a, b, apart_m) for a, b in (both, both[::-1]))
+    return max(_fraction_without(a, b, apart_m) for a, b in (both, both[::-1]))
 
 
-def _share_without(line_m: FloatArray, other_m: FloatArray, apart_m: float) -> float:
+def _fraction_without(line_m: FloatArray, other_m: FloatArray, apart_m: float) -> float:
     legs_m = np.diff(line_m, axis=0)
     counts = np.maximum(1, np.hypot(*legs_m.T) / apart_m).astype(np.int64)
-    shares = np.concatenate([(np.arange(count) + 0.5) / count for count in counts.tolist()])
+    fractions = np.concatenate([(np.arange(count) + 0.5) / count for count in counts.tolist()])
     leg = np.repeat(np.arange(len(legs_m)), counts)
-    places_m = line_m[leg] + shares[:, None] * legs_m[leg]
+    positions_m = line_m[leg] + fractions[:, None] * legs_m[leg]
     other_legs_m = np.diff(other_m, axis=0)
-    from_m = places_m[:, None] - other_m[:-1]
+    from_m = positions_m[:, None] - other_m[:-1]
     along = np.clip((from_m * other_legs_m).sum(axis=2) / np.maximum((other_legs_m**2).sum(axis=1), 1e-9), 0.0, 1.0)
     off_m = np.linalg.norm(from_m - along[:, :, None] * other_legs_m, axis=2)
     turns = np.arctan2(*legs_m[leg].T)[:, None] - np.arctan2(*other_legs_m.T)
@@ -297,7 +299,7 @@ def _merit(
     """Smallest for the best initial solution. With a free order, any route that reaches the goal ranks first."""
     with_waypoints = 1.0 + waypoint_m * len(start.route) / max(start.route.length_m, problem.reach_m)
     cost = problem.cost(start.route) * with_waypoints
-    return problem.free_order and start.seen < goal, tuned.start_cost(cost, start.seen, goal)
+    return problem.free_order and start.observed < goal, tuned.start_cost(cost, start.observed, goal)
 
 
 MARGIN_CELLS = 0.45
@@ -341,7 +343,7 @@ def search_problem(
     if site.scenario.sensor.looks_along_path or is_judged_on_smaller_cells(site):
         scattered = CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m, cut=make_scattered_cells)
         problem = scattered_problem(scattered)
-        whole = [start for start in starts if start.seen >= goal]
+        whole = [start for start in starts if start.observed >= goal]
         best = min(whole, key=lambda start: problem.cost(start.route), default=None)
         if best is None or problem.numbers.trigger_m > 0.0 or site.scenario.requirements.looks > 1:
             return problem
@@ -353,15 +355,15 @@ def counted_as_judged(problem: RouteProblem, judging: CoverageMap, starts: Seque
     """The problem, with likely photos if it counts far less ground in distance-triggered photos than the evaluation."""
     if problem.numbers.trigger_m == 0.0:
         return problem
-    most = max(starts, key=lambda start: start.seen).route
-    if share_counted(problem, most) >= share_seen(most, judging) - _FAR_LESS:
+    most = max(starts, key=lambda start: start.observed).route
+    if fraction_counted(problem, most) >= fraction_observed(most, judging) - _FAR_LESS:
         return problem
-    return problem.with_pictures_in_view(_LIKELY)
+    return problem.with_photos_in_view(_LIKELY)
 
 
-def share_counted(problem: RouteProblem, route: Route) -> float:
+def fraction_counted(problem: RouteProblem, route: Route) -> float:
     """Fraction of the visible ground that a search counts for a route."""
-    return float(state_of(problem, route, capacity=len(route)).seen[0])
+    return float(state_of(problem, route, capacity=len(route)).observed[0])
 
 
 def finest_problem(cells: CoverageMap, route: Route, judged: float) -> RouteProblem:
@@ -373,17 +375,17 @@ def finest_problem(cells: CoverageMap, route: Route, judged: float) -> RouteProb
     """
     counted_so = _problem(cells.site, cells, margin_cells=0.0)
     if counted_so.numbers.trigger_m > 0.0:
-        surely = counted_so
-        for share in _SURER:
-            counted_so = surely.with_pictures_in_view(share)
-            if share_counted(counted_so, route) <= judged + _AS_JUDGED:
+        certainly = counted_so
+        for fraction in _SURER:
+            counted_so = certainly.with_photos_in_view(fraction)
+            if fraction_counted(counted_so, route) <= judged + _AS_JUDGED:
                 break
         return counted_so
     low, high = 0.0, _LARGEST_MARGIN
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         counted_so = _problem(cells.site, cells, margin_cells=middle)
-        difference = share_counted(counted_so, route) - judged
+        difference = fraction_counted(counted_so, route) - judged
         if abs(difference) <= _AS_JUDGED:
             break
         low, high = (middle, high) if difference > 0.0 else (low, middle)
@@ -395,10 +397,10 @@ def _with_room(cells: CoverageMap, route: Route, margins: Sequence[float], hidde
 
     Without one, the problem with the last margin.
     """
-    seen = share_seen(route, cells)
+    observed = fraction_observed(route, cells)
     for margin_cells in margins[:-1]:
         problem = _problem(cells.site, cells, margin_cells=margin_cells)
-        if share_counted(problem, route) >= seen - hidden:
+        if fraction_counted(problem, route) >= observed - hidden:
             return problem
     return _problem(cells.site, cells, margin_cells=margins[-1])
 

@@ -71,13 +71,13 @@ class Effort:
     budget_s: float | None
     now: Callable[[], float]
 
-    def left_s(self, started: float, *, share: float = 1.0) -> float:
+    def left_s(self, started: float, *, fraction: float = 1.0) -> float:
         """Time left of a fraction of the time budget since ``started``; infinite without a budget."""
-        return math.inf if self.budget_s is None else share * self.budget_s - (self.now() - started)
+        return math.inf if self.budget_s is None else fraction * self.budget_s - (self.now() - started)
 
-    def is_over(self, started: float, *, share: float = 1.0) -> bool:
+    def is_over(self, started: float, *, fraction: float = 1.0) -> bool:
         """Whether a fraction of the time budget, if there is one, has been used since ``started``."""
-        return self.left_s(started, share=share) <= 0.0
+        return self.left_s(started, fraction=fraction) <= 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,10 +146,10 @@ def search(
             look(lambda: [encoding.decode(genes) for genes in optimizer.pareto_set().x])
         optimizer.tell(values.objectives / scale, values.violations)
         keeps = values.violations[:, 0] <= 0.0
-        seen = -values.objectives[:, 0]
-        best = max(best, float(seen[keeps].max(initial=0.0)))
+        observed = -values.objectives[:, 0]
+        best = max(best, float(observed[keeps].max(initial=0.0)))
         if goal is not None:
-            shortest = min(shortest, float(values.objectives[keeps & (seen >= goal), 2].min(initial=math.inf)))
+            shortest = min(shortest, float(values.objectives[keeps & (observed >= goal), 2].min(initial=math.inf)))
         total = max(rounds * len(genes), optimizer.evaluations)
         run.on_progress(
             SearchProgress(optimizer.evaluations, total, best, shortest if math.isfinite(shortest) else None)
@@ -215,9 +215,9 @@ class WaypointEncoding:
         active = nodes[:, 3] > 0.5
         if not active.any():
             active[np.argmax(nodes[:, 3])] = True
-        places = nodes[active, :2]
-        low, high = allowed_band_m(self._site, places)
-        points = finite_heights(np.column_stack([places, low + nodes[active, 2] * (high - low)]))
+        positions = nodes[active, :2]
+        low, high = allowed_band_m(self._site, positions)
+        points = finite_heights(np.column_stack([positions, low + nodes[active, 2] * (high - low)]))
         order = kernels.nearest_neighbour_order(read_only(points), read_only(self._reference_m))
         if self._order == "improved":
             order = kernels.two_opt(points, order)

@@ -12,12 +12,12 @@ import shapely
 
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.nadir_visibility import cone_cells
-from uavcover.kernels.picture_visibility import picture_cells
+from uavcover.kernels.path_cost import LENGTH, route_cost
+from uavcover.kernels.photo_visibility import photo_cells
 from uavcover.kernels.route_state import RouteState, recount
 from uavcover.kernels.search_problem import ALONG_PATH, AT_WAYPOINTS, RouteLimits, SearchProblem, flyable_ground
 from uavcover.kernels.sight import horizontal_reach
-from uavcover.kernels.way_cost import LENGTH, route_cost
-from uavcover.missions.way_cost import way_cost_of
+from uavcover.missions.path_cost import path_cost_of
 from uavcover.model.route import Route
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
@@ -41,17 +41,17 @@ class RouteProblem:
 
     def cost(self, route: Route) -> float:
         """Cost of a route without missing coverage: its length or the planner's objective, plus the penalty for waypoints."""
-        return float(route_cost(self.numbers.surface, self.numbers.way, route.waypoints_m))
+        return float(route_cost(self.numbers.surface, self.numbers.path_cost, route.waypoints_m))
 
-    def cost_of_way(self, route: Route) -> float:
+    def cost_of_path(self, route: Route) -> float:
         """The cost without the penalty for waypoints."""
-        way = self.numbers.way._replace(waypoint_price=0.0)
-        return float(route_cost(self.numbers.surface, way, route.waypoints_m))
+        path_cost = self.numbers.path_cost._replace(waypoint_price=0.0)
+        return float(route_cost(self.numbers.surface, path_cost, route.waypoints_m))
 
     @property
     def is_of_length(self) -> bool:
         """Whether the cost of a path is its length."""
-        return bool(self.numbers.way.unit == LENGTH and self.numbers.way.deviation_price == 0.0)
+        return bool(self.numbers.path_cost.unit == LENGTH and self.numbers.path_cost.deviation_price == 0.0)
 
     def metres_per_cost(self, route: Route) -> float:
         """Factor from cost to metres of path, from a route that has both; 1 if the cost is the length."""
@@ -60,13 +60,13 @@ class RouteProblem:
         cost = self.cost(route)
         return route.length_m / cost if cost > 0.0 and route.length_m > 0.0 else 1.0
 
-    def with_pictures_in_view(self, share: float) -> "RouteProblem":
+    def with_photos_in_view(self, fraction: float) -> "RouteProblem":
         """The problem that counts ground in view along at least this multiple of the trigger distance.
 
         At least this number of photos shows such ground. On cliffs, little ground is in view all the way: on terraces with a
         photo every 40 m, lines that observe 98 % were counted as 79 %. A larger multiple makes photos surer.
         """
-        return replace(self, numbers=self.numbers._replace(trigger_m=share * self.numbers.trigger_m))
+        return replace(self, numbers=self.numbers._replace(trigger_m=fraction * self.numbers.trigger_m))
 
     @property
     def free_order(self) -> bool:
@@ -87,8 +87,8 @@ def route_problem(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> 
     scenario = site.scenario
     cells = coverage.grid.cells
     square = np.empty(coverage.grid.count, dtype=np.int32)
-    places = np.flatnonzero(cells.lattice >= 0)
-    square[cells.lattice.ravel()[places]] = places
+    positions = np.flatnonzero(cells.lattice >= 0)
+    square[cells.lattice.ravel()[positions]] = positions
     counted = np.where(coverage.coverable, coverage.grid.weight_m2, 0.0)
     weight = np.zeros(cells.lattice.size)
     weight[square] = counted / max(float(counted.sum()), 1e-300)
@@ -100,13 +100,13 @@ def route_problem(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> 
         sight,
         cells,
         cone_cells(site.ground.surface, sight, cells),
-        picture_cells(site.ground.surface, sight, cells),
+        photo_cells(site.ground.surface, sight, cells),
         square,
         weight,
         sample_spacing_m(scenario),
         ALONG_PATH if scenario.sensor.looks_along_path else AT_WAYPOINTS,
         _limits(site),
-        way_cost_of(site),
+        path_cost_of(site),
         scenario.requirements.looks,
         scenario.requirements.look_distance_m or 0.0,
         trigger_distance_m(scenario) or 0.0,
@@ -124,8 +124,8 @@ def _limits(site: Site) -> RouteLimits:
     limits = site.scenario.limits
     # Height above sea level less up: smallest at the origin, largest at the far corners, where the Earth has curved away.
     fence = shapely.get_coordinates(site.fence)
-    places = np.column_stack([np.vstack([fence, [[0.0, 0.0]]]), np.zeros(len(fence) + 1)])
-    sea = site.alts_amsl_m(places)
+    positions = np.column_stack([np.vstack([fence, [[0.0, 0.0]]]), np.zeros(len(fence) + 1)])
+    sea = site.alts_amsl_m(positions)
     lowest = -math.inf if limits.min_alt_amsl_m is None else limits.min_alt_amsl_m - float(sea.min())
     highest = math.inf if limits.max_alt_amsl_m is None else limits.max_alt_amsl_m - float(sea.max())
     return RouteLimits(
@@ -209,9 +209,9 @@ class RouteJudge:
     closed: Callable[[Route, float, Callable[[], bool]], Route | None] = lambda _route, _goal, _is_over: None
 
 
-def share_seen(route: Route, cells: CoverageMap) -> float:
+def fraction_observed(route: Route, cells: CoverageMap) -> float:
     """Fraction of the visible ground that a route observes."""
-    return cells.share_of_coverable(cells.seen(route.waypoints_m))
+    return cells.fraction_of_coverable(cells.observed(route.waypoints_m))
 
 
 class OneAfterTheOther:
@@ -226,9 +226,9 @@ class OneAfterTheOther:
 
     def __call__(self, route: Route, goal: float) -> float:
         """Fraction of the visible ground, exact if it reaches the goal."""
-        first = share_seen(route, self._judges[0])
+        first = fraction_observed(route, self._judges[0])
         if first < goal:
             return first - self._less
-        least = min([first, *(share_seen(route, judge) for judge in self._judges[1:])])
+        least = min([first, *(fraction_observed(route, judge) for judge in self._judges[1:])])
         self._less = first - least
         return least

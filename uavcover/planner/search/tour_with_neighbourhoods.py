@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uavcover.kernels.annealing import Prices
-from uavcover.kernels.route_state import recount, seen_alone
+from uavcover.kernels.annealing import Weights
+from uavcover.kernels.route_state import observed_alone, recount
 from uavcover.kernels.sight import DISC
 from uavcover.model.route import Route
 from uavcover.planner.search.goal_search import search_goals
@@ -35,15 +35,15 @@ class _Stage:
 
     heats: tuple[float, float]
     waypoint: float
-    ways: tuple[float, float]
+    path_weights: tuple[float, float]
 
 
 def _squeeze(tuned: FreeOrderTuning) -> _Stage:
-    return _Stage(tuned.squeeze_heats, 0.0, (tuned.way_price_cells, tuned.way_price_cells))
+    return _Stage(tuned.squeeze_heats, 0.0, (tuned.path_cost_cells, tuned.path_cost_cells))
 
 
 def _sweep(tuned: FreeOrderTuning) -> _Stage:
-    return _Stage(tuned.sweep_heats, 0.0, (tuned.way_price_cells, tuned.sweep_way_price_cells))
+    return _Stage(tuned.sweep_heats, 0.0, (tuned.path_cost_cells, tuned.sweep_path_cost_cells))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,12 +68,12 @@ def spread(
         found: called with every route worth evaluating.
     """
     tuned = work.tuning.free_order
-    stage = _Stage(tuned.spread_heats, tuned.waypoint_price_cells, (tuned.way_price_cells, tuned.way_price_cells))
+    stage = _Stage(tuned.spread_heats, tuned.waypoint_cost_cells, (tuned.path_cost_cells, tuned.path_cost_cells))
     ranked = sorted(starts, key=_fewest_that_see_most)
     chains = _chains(work, [ranked[k % len(ranked)].route for k in range(CHAINS)], stage, capacity=capacity)
     work.run(chains, until=until)
     best = _better(chains, found)
-    whole = ranked[0] if ranked[0].seen >= FULL else SearchStart(best.route, best.seen)
+    whole = ranked[0] if ranked[0].observed >= FULL else SearchStart(best.route, best.observed)
     return Fewest(best, whole, full=False)
 
 
@@ -92,15 +92,15 @@ def squeeze(work: Work, fewest: Fewest, *, capacity: int, until: float, found: C
     attempt = tuned.attempt * (until - work.pace.fraction)
     more = True
     while more and work.pace.fraction < until:
-        fewer = best.seen >= FULL and len(best.route) > 1
+        fewer = best.observed >= FULL and len(best.route) > 1
         full = full or fewer
         route = _without_least(work, best) if fewer else best.route
         more_room = None if full else min(len(route) + 1, capacity)
         chains = _chains(work, [route] * CHAINS, _squeeze(tuned), capacity=more_room)
         more = work.run(chains, until=min(work.pace.fraction + attempt, until))
         tried = _better(chains, found)
-        if tried.seen >= FULL and (whole.seen < FULL or len(tried.route) <= len(whole.route)):
-            whole = SearchStart(tried.route, tried.seen)
+        if tried.observed >= FULL and (whole.observed < FULL or len(tried.route) <= len(whole.route)):
+            whole = SearchStart(tried.route, tried.observed)
         # Do not return to more waypoints: routes with full coverage are already known.
         if fewer or tried.energy <= best.energy:
             best = tried
@@ -166,12 +166,12 @@ def rebuild_tours(
         cell_m = max(metres * work.problem.cost(best), reach_m)
         waypoint_m = work.tuning.goal.waypoint_price * reach_m
         for chain in chains:
-            chain.prices = Prices(metres, waypoint_m, cell_m * chain.prices.coverage, 1.0)
-            chain.hottest, chain.coldest = (hottest * (coldest / hottest) ** share for share in (done, stage))
+            chain.weights = Weights(metres, waypoint_m, cell_m * chain.weights.coverage, 1.0)
+            chain.hottest, chain.coldest = (hottest * (coldest / hottest) ** fraction for fraction in (done, stage))
             chain.step_m, chain.rebuilt = work.tuning.goal.largest_step * reach_m, tuned.rebuilt
         more = work.run(chains, until=begin + stage * (until - begin))
         better = _better(chains, found)
-        known.append(SearchStart(better.route, better.seen))
+        known.append(SearchStart(better.route, better.observed))
         best, done = better.route, stage
         if not more:
             break
@@ -180,7 +180,7 @@ def rebuild_tours(
 
 def _fewest_that_see_most(start: SearchStart) -> tuple[float, int]:
     """Sort key: the most coverage first, and among routes with full coverage the fewest waypoints."""
-    return -min(start.seen, FULL), len(start.route)
+    return -min(start.observed, FULL), len(start.route)
 
 
 def _better(chains: Sequence[Chain], found: Callable[[Route], None]) -> Chain:
@@ -197,8 +197,11 @@ def _chains(work: Work, routes: Sequence[Route], stage: _Stage, *, capacity: int
         Chain(
             problem=work.problem,
             state=state_of(work.problem, route, capacity=capacity or len(route)),
-            prices=Prices(
-                way * work.problem.metres_per_cost(route) / work.problem.reach_m, stage.waypoint, float(cells), 1.0
+            weights=Weights(
+                path_weight * work.problem.metres_per_cost(route) / work.problem.reach_m,
+                stage.waypoint,
+                float(cells),
+                1.0,
             ),
             hottest=heat * work.tuning.free_order.hottest_cells,
             coldest=work.tuning.free_order.coldest_cells,
@@ -206,7 +209,7 @@ def _chains(work: Work, routes: Sequence[Route], stage: _Stage, *, capacity: int
             fewest=len(route) if capacity is None else 1,
             most=len(route) if capacity is None else capacity,
         )
-        for route, heat, way in zip(routes, stage.heats, stage.ways, strict=True)
+        for route, heat, path_weight in zip(routes, stage.heats, stage.path_weights, strict=True)
     ]
 
 
@@ -214,7 +217,7 @@ def _without_least(work: Work, chain: Chain) -> Route:
     """The chain's route without the waypoint that contributes least."""
     state = chain.state
     recount(work.problem.numbers, state)
-    alone = [seen_alone(work.problem.numbers, state, k) for k in range(int(state.size[0]))]
+    alone = [observed_alone(work.problem.numbers, state, k) for k in range(int(state.size[0]))]
     return Route(np.delete(chain.route.waypoints_m, int(np.argmin(alone)), axis=0))
 
 
@@ -222,7 +225,8 @@ def search_free_order(
     work: Work,  # the problem and the remaining budget; ``work.problem.free_order`` holds
     starts: Sequence[SearchStart],  # one at least
     *,
-    asked: float | None,  # fraction of the visible ground that the selection rule asks for; None: as much as there is
+    required: float
+    | None,  # fraction of the visible ground that the selection rule asks for; None: as much as there is
     capacity: int,  # most waypoints
     judge: RouteJudge,  # judges what is found
 ) -> None:
@@ -232,26 +236,26 @@ def search_free_order(
     close-enough travelling salesman problem). Tours come first if a route already has enough coverage, so that a search which is
     stopped early has a good one; otherwise they follow the search for few waypoints.
     """
-    goal, tuned = FULL if asked is None else asked, work.tuning.free_order
+    goal, tuned = FULL if required is None else required, work.tuning.free_order
 
     def tours(known: Sequence[SearchStart], until: float) -> None:
-        search_goals(work, known, asked=goal, capacity=capacity, until=until, judge=judge)
+        search_goals(work, known, required=goal, capacity=capacity, until=until, judge=judge)
 
     thin(work, min(starts, key=_fewest_that_see_most).route, judge.found, until=_THINNING)
     begin = work.pace.fraction
-    if asked is not None and asked >= FULL and work.problem.numbers.sight.kind == DISC:
+    if required is not None and required >= FULL and work.problem.numbers.sight.kind == DISC:
         # A disc is equally wide at any height. If heights matter, a chain that does not rebuild is better.
         until = begin + tuned.tours_of_discs * (1.0 - begin)
         starts = rebuild_tours(work, starts, capacity=capacity, until=until, found=judge.found)
         begin = work.pace.fraction
-    toured = asked is not None or any(start.seen >= goal for start in starts)
+    toured = required is not None or any(start.observed >= goal for start in starts)
     if toured:
-        share = tuned.tours if asked is None else tuned.tours_asked
-        tours(starts, begin + share * (1.0 - begin))
+        fraction = tuned.tours if required is None else tuned.tours_required
+        tours(starts, begin + fraction * (1.0 - begin))
         begin = work.pace.fraction
 
-    def at(share: float) -> float:
-        return begin + share * (1.0 - begin)
+    def at(fraction: float) -> float:
+        return begin + fraction * (1.0 - begin)
 
     if work.stopped or begin >= 1.0:
         return
@@ -259,7 +263,7 @@ def search_free_order(
     fewest = spread(work, starts, capacity=capacity, until=spread_until, found=judge.found)
     if not toured:
         fewest = squeeze(work, fewest, capacity=capacity, until=at(tuned.first_squeeze), found=judge.found)
-        if fewest.whole.seen >= goal:
+        if fewest.whole.observed >= goal:
             tours([*starts, fewest.whole], at(tuned.late_tours))
     squeeze_until = at(tuned.squeeze if toured else tuned.late_tours)
     fewest = squeeze(work, fewest, capacity=capacity, until=squeeze_until, found=judge.found)

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass, field
 
 from uavcover.kernels.annealing import Moves
-from uavcover.planner.budget import SHARES
+from uavcover.planner.budget import FRACTIONS
 
 _MOVES = Moves(
     turn=0.1, transfer_to_gap=0.15, transfer=0.1,
@@ -23,8 +23,8 @@ class GoalTuning:
     Lengths and temperatures are in radii of the sensor, so that a bend costs the same on a short route and on a long one.
 
     Attributes:
-        main_share, main_stages, stages, closing_share, coarse_share, closing_share_far, waypoint_stages, waypoint_share: see
-            `uavcover.planner.budget.Shares`.
+        main_fraction, main_stages, stages, repair_fraction, coarse_fraction, repair_fraction_far, waypoint_stages,
+        waypoint_fraction: see `uavcover.planner.budget.Fractions`.
         further_left: before that, under a time budget, stages follow that are as short as corrections allow, while each leaves no
             more than this of what the one before it lacked. Over large areas closing gaps one by one takes half of the way again
             (ridge-25km2, 150 to 231 km for 0.02 points), and these stages close most (10 s: 150.0 to 150.6 km, was 153.5).
@@ -33,8 +33,8 @@ class GoalTuning:
             elsewhere behind a route than behind home, so it may take more.
         most_trials: to make each route that closes them shorter. The search makes it shorter, too: with 4,000 trials that took
             2 to 4 of 20 s in a canyon, and with 300 the search began too far away (scripts/bench/kinds.py, ``canyon:sparse``).
-        waiting_price: of all coverage, in costs of the route, for turns that wait for a photo: what else closes gaps costs as
-            much or more (``dear_ground``: 17 to 80 in four cases of scripts/bench/kinds.py).
+        waiting_penalty: of all coverage, in costs of the route, for turns that wait for a photo: what else closes gaps costs as
+            much or more (``costly_ground``: 17 to 80 in four cases of scripts/bench/kinds.py).
         nearly_all: a search that begins with closed gaps opens them again, and mostly closes them better. For more coverage than
             this it did not come back to its goal, in either field that was tried (fields U and L of b33804a, 99.9 %); for
             98 % a search that may not open them ended up to 6 % later (jacksboro, seed 4).
@@ -44,12 +44,12 @@ class GoalTuning:
             canyon takes 18 % less, city 11, terraces 10 and volcano 1 % (3 or 4 seeds each), ...
         most_prepared: ... unless preparing the search took more than this fraction of the time: the finest cells take as long
             again.
-        closed_dearer: factor of the price of coverage there: 10 is too little in both fields.
+        closed_costlier: factor of the price of coverage there: 10 is too little in both fields.
         closed_heat: factor of the temperature at its beginning; 0.05 and 0.2 do as well.
-        finest_price: the same factor on the finest cells, at the beginning: there it rises from stage to stage, ...
-        finest_price_step: ... and by this factor from round to round while the goal is missed.
+        finest_penalty: the same factor on the finest cells, at the beginning: there it rises from stage to stage, ...
+        finest_penalty_step: ... and by this factor from round to round while the goal is missed.
         finest_cooler: factor of the temperature from round to round.
-        sure_price: price of coverage, in costs of the route, by which a beginning that observes nearly all is found beside the
+        sure_penalty: price of coverage, in costs of the route, by which a beginning that observes nearly all is found beside the
             best. AC13_0004 (areas with holes, 99.98 %, 20 s) takes 1,713 s; without one, no search reached the goal (lines:
             2,765 s).
         other_lines: the second chain begins with other lines than the first, if their price is at most this multiple. At 0.8 %
@@ -59,30 +59,30 @@ class GoalTuning:
             with the gaps closed: in a canyon it was 0.09 to 0.1 short, in six cases on other ground (scripts/bench/kinds.py) at
             most 0.047 (terraces, tilted). At 0.06 canyon-nadir takes 395 s with 10 s, at 0.07 336 s (seeds
             1 to 5); of ten other runs on steep ground nine take 2 % less on average, and one 40 % more.
-        most_short_beginning: such lines lack no more than this, ...
-        most_beginnings: ... this number with the most coverage on the planner's cells are judged, ...
+        most_short_start: such lines lack no more than this, ...
+        most_starts: ... this number with the most coverage on the planner's cells are judged, ...
         most_closed: ... and the gaps of this number are repaired, of more until one succeeds.
         most_closed_after: a search from there may miss its goal again: the gaps of this number of its stages are repaired.
         closed_again: searches from routes with closed gaps, one after the other, while they end short of their goal.
-        dear_ground: after repairing gaps the price of coverage is this multiple of its cost between what the search ended with
+        costly_ground: after repairing gaps the price of coverage is this multiple of its cost between what the search ended with
             and the route with its gaps closed: at that rate itself both would be worth as much; ...
-        most_price: ... up to this price. Where both observe nearly the same on the search's cells it has no limit, and no
+        most_penalty: ... up to this price. Where both observe nearly the same on the search's cells it has no limit, and no
             change that loses a cell would be accepted: canyon-sparse took 554 s instead of 427.
-        coverage_price: of all coverage, in lengths of the route. Along a path a share more costs one to two such fractions of
+        coverage_penalty: of all coverage, in lengths of the route. Along a path a share more costs one to two such fractions of
             the length; at a price far above that no single change may lose a cell, and nothing can be traded.
-        nearly_all_price: the same for more than ``nearly_all``, where the last of the ground is the dearest: at 2 triangle and
+        nearly_all_penalty: the same for more than ``nearly_all``, where the last of the ground is the dearest: at 2 triangle and
             pentagon often end short of 99.9 % and up to 17 % later, at 12 the square does (scripts/bench_fields.py of b33804a).
-        price_step: factor of that price when a stage ends below its goal, by up to ``far_short``; ...
-        most_price_steps: ... its power, in proportion, when it ends further below, up to this one. Photos every 40 m over canyon,
-            terraces, volcano and city cost 3 % less (1,000 evaluations, seeds 1 to 3, -33 to +10 %), other sensors the same.
-        start_price: the same price when beginnings are compared: lower missing coverage is cheap in a beginning, for fewer
+        penalty_step: factor of that price when a stage ends below its goal, by up to ``far_short``; ...
+        most_penalty_steps: ... its power, in proportion, when it ends further below, up to this one. Photos every 40 m over
+            canyon, terraces, volcano and city cost 3 % less (1,000 evaluations, seeds 1 to 3, -33 to +10 %), others the same.
+        start_penalty: the same price when beginnings are compared: lower missing coverage is cheap in a beginning, for fewer
             lines are hard to come by, and gaps between lines are closed.
         stage_per_correction: under a time budget a stage takes at least this multiple of the time of a correction, which judges a
             route and prepares the chains, so that most of the time is search.
         goal_per_correction: the same for a coverage of the ladder, and a price of waypoints.
         waypoint_price: of a waypoint where few are not asked for: one more holds a leg nearer to the height that observes widest.
         waypoint_prices: where few are searched for, one after the other.
-        dear_waypoints: lengths that the price of all waypoints counts as in the price of coverage: else coverage would be given
+        costly_waypoints: lengths that the price of all waypoints counts as in the price of coverage: else coverage would be given
             for one waypoint less.
         largest_step: standard deviation of the widest moves.
         hottest: temperature at the beginning. Where length alone is the cost, on routes of up to ``hot_radii``, ...
@@ -98,49 +98,49 @@ class GoalTuning:
         spare_waypoints: ... and this number more.
     """
 
-    main_share: float = SHARES.goal_main
-    main_stages: tuple[float, ...] = SHARES.goal_main_stages
-    stages: tuple[float, ...] = SHARES.goal_stages
-    closing_share: float = SHARES.goal_closing
-    coarse_share: float = SHARES.goal_coarse
+    main_fraction: float = FRACTIONS.goal_main
+    main_stages: tuple[float, ...] = FRACTIONS.goal_main_stages
+    stages: tuple[float, ...] = FRACTIONS.goal_stages
+    repair_fraction: float = FRACTIONS.goal_repair
+    coarse_fraction: float = FRACTIONS.goal_coarse
     further_left: float = 0.7
-    closing_share_far: float = SHARES.goal_closing_far
+    repair_fraction_far: float = FRACTIONS.goal_repair_far
     most_short: float = 0.03
     closed: tuple[float, ...] = (1.0, 1.5, 2.5)
     most_trials: int = 1_000
-    waiting_price: float = 10.0
+    waiting_penalty: float = 10.0
     nearly_all: float = 0.995
     nearly_all_on_finest: float = 0.985
     likely_on_finest: float = 0.9
     most_prepared: float = 0.25
-    closed_dearer: float = 40.0
+    closed_costlier: float = 40.0
     closed_heat: float = 0.2
-    finest_price: float = 10.0
-    finest_price_step: float = 3.0
+    finest_penalty: float = 10.0
+    finest_penalty_step: float = 3.0
     finest_cooler: float = 0.2
-    sure_price: float = 1_000.0
+    sure_penalty: float = 1_000.0
     other_lines: float = 1.03
     most_short_at_first: float = 0.07
-    most_short_beginning: float = 0.1
-    most_beginnings: int = 8
+    most_short_start: float = 0.1
+    most_starts: int = 8
     most_closed: int = 2
     most_closed_after: int = 1
     closed_again: int = 3
-    dear_ground: float = 1.6
-    most_price: float = 30.0
-    coverage_price: float = 2.0
-    nearly_all_price: float = 6.0
-    price_step: float = 1.6
+    costly_ground: float = 1.6
+    most_penalty: float = 30.0
+    coverage_penalty: float = 2.0
+    nearly_all_penalty: float = 6.0
+    penalty_step: float = 1.6
     far_short: float = 0.01
-    most_price_steps: float = 3.0
-    start_price: float = 3.0
+    most_penalty_steps: float = 3.0
+    start_penalty: float = 3.0
     stage_per_correction: float = 4.0
     goal_per_correction: float = 12.0
     waypoint_price: float = 0.002
     waypoint_prices: tuple[float, ...] = (0.3, 1.0, 3.0)
-    waypoint_stages: tuple[float, ...] = SHARES.goal_waypoint_stages
-    waypoint_share: float = SHARES.goal_waypoints
-    dear_waypoints: float = 3.0
+    waypoint_stages: tuple[float, ...] = FRACTIONS.goal_waypoint_stages
+    waypoint_fraction: float = FRACTIONS.goal_waypoints
+    costly_waypoints: float = 3.0
     largest_step: float = 0.4
     hottest: float = 0.05
     hot_radii: float = 25.0
@@ -151,24 +151,26 @@ class GoalTuning:
     path_capacity: int = 3
     spare_waypoints: int = 100
 
-    def start_cost(self, cost: float, seen: float, goal: float, *, price: float | None = None) -> float:
+    def start_cost(self, cost: float, observed: float, goal: float, *, penalty: float | None = None) -> float:
         """Cost of an initial solution, with that of its missing coverage at its own cost per coverage.
 
         Args:
             cost: of its route.
-            seen: fraction of the visible ground that it observes.
+            observed: fraction of the visible ground that it observes.
             goal: the fraction to observe.
-            price: of full coverage, in costs of the route. Default: ``start_price``.
+            penalty: of full coverage, in costs of the route. Default: ``start_penalty``.
         """
-        missing = max(0.0, goal - seen)
+        missing = max(0.0, goal - observed)
         return (
-            cost * (1.0 + (self.start_price if price is None else price) * missing / seen) if seen > 0.0 else math.inf
+            cost * (1.0 + (self.start_penalty if penalty is None else penalty) * missing / observed)
+            if observed > 0.0
+            else math.inf
         )
 
-    def price_rise(self, short: float) -> float:
+    def penalty_rise(self, short: float) -> float:
         """Factor of the penalty for missing coverage after a stage that misses its goal by a fraction; 1 at the goal."""
-        steps = min(self.most_price_steps, max(1.0, short / self.far_short))
-        return 1.0 if short <= 0.0 else self.price_step**steps
+        steps = min(self.most_penalty_steps, max(1.0, short / self.far_short))
+        return 1.0 if short <= 0.0 else self.penalty_step**steps
 
     def heat_of_length(self, radii: float) -> float:
         """Initial temperature of a search for the shortest path, in radii of the sensor.
@@ -186,9 +188,9 @@ class FreeOrderTuning:
     Temperatures and prices "in cells" are in units of the coverage of one cell of average weight.
 
     Attributes:
-        tours, tours_asked, tours_of_discs, rebuilt_stages, quench, spread, squeeze, long_spread, first_squeeze,
-            late_tours, attempt: see `uavcover.planner.budget.Shares`.
-        tour_coverage_price: of a cell, in radii of the sensor, in a search for a tour. Where all is to be observed no cell is
+        tours, tours_required, tours_of_discs, rebuilt_stages, quench, spread, squeeze, long_spread, first_squeeze,
+            late_tours, attempt: see `uavcover.planner.budget.Fractions`.
+        tour_coverage_penalty: of a cell, in radii of the sensor, in a search for a tour. Where all is to be observed no cell is
             worth less than the whole tour: single targets lie many radii apart.
         tour_hottest: temperature at the beginning of that search, in radii.
         rebuilt: fraction of the proposals that rebuild the tour around a waypoint, in one of the two chains at first, ...
@@ -198,37 +200,37 @@ class FreeOrderTuning:
         quenched: times the coldest temperature.
         hottest_cells, coldest_cells: temperatures.
         spread_heats, squeeze_heats, sweep_heats: of the two chains, as fractions of the hottest.
-        way_price_cells: of a radius of way, where coverage is all that counts.
-        sweep_way_price_cells: the same for the second chain of a sweep, where the way counts too.
-        waypoint_price_cells: of a waypoint while they spread.
+        path_cost_cells: of a radius of way, where coverage is all that counts.
+        sweep_path_cost_cells: the same for the second chain of a sweep, where the way counts too.
+        waypoint_cost_cells: of a waypoint while they spread.
     """
 
-    tours: float = SHARES.free_tours
-    tours_asked: float = SHARES.free_tours_asked
-    tours_of_discs: float = SHARES.free_tours_of_discs
-    rebuilt_stages: tuple[float, ...] = SHARES.free_rebuilt_stages
-    tour_coverage_price: float = 1.5
+    tours: float = FRACTIONS.free_tours
+    tours_required: float = FRACTIONS.free_tours_required
+    tours_of_discs: float = FRACTIONS.free_tours_of_discs
+    rebuilt_stages: tuple[float, ...] = FRACTIONS.free_rebuilt_stages
+    tour_coverage_penalty: float = 1.5
     tour_hottest: float = 0.2
     rebuilt: float = 0.1
     rebuilt_hottest: float = 0.02
     rebuilt_heat: float = 50.0
     discs_heats: tuple[float, float] = (0.06, 2e-3)
-    quench: float = SHARES.free_quench
+    quench: float = FRACTIONS.free_quench
     quenched: float = 5.0
-    spread: float = SHARES.free_spread
-    squeeze: float = SHARES.free_squeeze
-    long_spread: float = SHARES.free_long_spread
-    first_squeeze: float = SHARES.free_first_squeeze
-    late_tours: float = SHARES.free_late_tours
-    attempt: float = SHARES.free_attempt
+    spread: float = FRACTIONS.free_spread
+    squeeze: float = FRACTIONS.free_squeeze
+    long_spread: float = FRACTIONS.free_long_spread
+    first_squeeze: float = FRACTIONS.free_first_squeeze
+    late_tours: float = FRACTIONS.free_late_tours
+    attempt: float = FRACTIONS.free_attempt
     hottest_cells: float = 1.2
     coldest_cells: float = 0.012
     spread_heats: tuple[float, float] = (1.0, 0.6)
     squeeze_heats: tuple[float, float] = (0.5, 0.2)
     sweep_heats: tuple[float, float] = (0.4, 0.4)
-    way_price_cells: float = 0.04
-    sweep_way_price_cells: float = 1.0
-    waypoint_price_cells: float = 1.2
+    path_cost_cells: float = 0.04
+    sweep_path_cost_cells: float = 1.0
+    waypoint_cost_cells: float = 1.2
 
     def hottest_tour(self, rebuilt: float) -> float:
         """Initial temperature of a search for a tour with this fraction of rebuilding, in radii."""

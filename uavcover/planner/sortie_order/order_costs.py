@@ -1,7 +1,7 @@
 """Cost of an order of stretches: the least time of all sorties into which it can be split.
 
 Stretches are legs of a route in any order and direction, with permitted links between their ends. Costs of stretches and links
-are tabulated once, with the cost model of missions. An order then costs one look-up and one split (``kernels/way_cost.py``).
+are tabulated once, with the cost model of missions. An order then costs one look-up and one split (``kernels/path_cost.py``).
 """
 
 import itertools
@@ -13,9 +13,9 @@ import numpy as np
 
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.kernels.flight_time import leg_times, turn_times
-from uavcover.kernels.way_cost import NO_ENERGIES, FlightCosts, FlightEnergies, split, straight_ends
+from uavcover.kernels.path_cost import NO_ENERGIES, FlightCosts, FlightEnergies, split, straight_ends
 from uavcover.missions.leg_checks import measure_violations
-from uavcover.missions.way_cost import FlightEnergy, mission_cost_of
+from uavcover.missions.path_cost import FlightEnergy, mission_cost_of
 from uavcover.model.route import Route
 from uavcover.planner.terrain_following import PLAIN_TOLERANCE_M, lay_over_terrain
 from uavcover.scenario.site import Site
@@ -29,35 +29,35 @@ _MOST_LAID = 800
 class Stretches:
     """Stretches of a route in both directions: number 2 k flies leg k as the route does, 2 k + 1 the other way."""
 
-    places_m: FloatArray  # (n + 1, 3) ENU, where stretches begin and end: stretch k leads from place k to place k + 1
+    positions_m: FloatArray  # (n + 1, 3) ENU, where stretches begin and end: stretch k leads from k to k + 1
     # by two positions, the (k, 3) waypoints of a link that keeps the limits; missing without one
     links_m: dict[tuple[int, int], FloatArray]
 
     @property
     def count(self) -> int:
         """Number of stretches."""
-        return len(self.places_m) - 1
+        return len(self.positions_m) - 1
 
     def waypoints_m(self, number: int) -> FloatArray:
         """(2, 3) ENU of a stretch in its direction."""
-        return self.places_m[[first_place(number), last_place(number)]]
+        return self.positions_m[[first_position(number), last_position(number)]]
 
     def joined(self, order: Sequence[int] | IntArray) -> Route:
         """The route that flies stretches in this order, by existing links."""
         out = [self.waypoints_m(int(order[0]))]
         for before, behind in itertools.pairwise(order):
-            a, b = last_place(int(before)), first_place(int(behind))
+            a, b = last_position(int(before)), first_position(int(behind))
             following = self.waypoints_m(int(behind))
             out += [following[1:]] if a == b else [self.links_m[a, b], following]
         return Route(np.vstack(out))
 
 
-def first_place(number: int) -> int:
+def first_position(number: int) -> int:
     """Begin of a stretch in its direction."""
     return number // 2 + number % 2
 
 
-def last_place(number: int) -> int:
+def last_position(number: int) -> int:
     """End of a stretch in its direction."""
     return number // 2 + 1 - number % 2
 
@@ -72,15 +72,15 @@ def stretches_of(site: Site, route: Route) -> Stretches:
     return Stretches(route.waypoints_m, _links(site, route.waypoints_m))
 
 
-def _links(site: Site, places_m: FloatArray) -> dict[tuple[int, int], FloatArray]:
+def _links(site: Site, positions_m: FloatArray) -> dict[tuple[int, int], FloatArray]:
     """Points of a link, by two points: a straight leg if it keeps the limits, otherwise one over the terrain."""
     margin_m = site.scenario.limits.height_margin_m
-    apart_m = np.linalg.norm(places_m[:, None] - places_m[None], axis=2)
+    apart_m = np.linalg.norm(positions_m[:, None] - positions_m[None], axis=2)
     pairs = np.argwhere(np.triu(apart_m > 0.0))
     laid = 0
     found: dict[tuple[int, int], FloatArray] = {}
     for a, b in pairs[np.argsort(apart_m[pairs[:, 0], pairs[:, 1]], kind="stable")].tolist():
-        ends, between = places_m[[a, b]], np.empty((0, 3))
+        ends, between = positions_m[[a, b]], np.empty((0, 3))
         if measure_violations(site, ends, margin_m=margin_m).total > 0.0:
             if laid == _MOST_LAID:
                 continue
@@ -131,15 +131,15 @@ class OrderCosts:
         self._like = like
         self.as_it_is: IntArray = 2 * np.arange(stretches.count)
         paths = _Paths.of(stretches)
-        pace, way, energy = pace_of(site), mission_cost_of(site), FlightEnergy(site)
-        there_s, back_s, _ = straight_ends(way, paths.pairs_m)
+        pace, path_cost, energy = pace_of(site), mission_cost_of(site), FlightEnergy(site)
+        there_s, back_s, _ = straight_ends(path_cost, paths.pairs_m)
         self._time = _tables(
             paths, leg_times(pace, paths.points_m)[None], turn_times(pace, paths.points_m)[None],
             there_s[None], back_s[None],
         )  # fmt: skip
         self._energy = None
         if like.energies.so_far_s.size:
-            of_pairs = energy.straight_flights(way, paths.pairs_m)
+            of_pairs = energy.straight_flights(path_cost, paths.pairs_m)
             legs, turns = energy.legs_and_turns_s(paths.points_m)
             self._energy = _tables(paths, legs, turns, of_pairs.there_s, of_pairs.back_s)
         self._between = paths.between
@@ -224,7 +224,7 @@ class _Paths:
         nothing = np.empty((0, 3))
         for a, line in enumerate(lines):
             for b, other in enumerate(lines):
-                ends = last_place(a), first_place(b)
+                ends = last_position(a), first_position(b)
                 same[a, b] = ends[0] == ends[1]
                 exists[a, b] = same[a, b] or ends in stretches.links_m
                 link = stretches.links_m.get(ends, nothing)

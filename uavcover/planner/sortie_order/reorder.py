@@ -8,14 +8,14 @@ import numpy as np
 
 from uavcover.errors import InfeasibleError
 from uavcover.kernels.arrays import FloatArray, IntArray
+from uavcover.kernels.path_cost import FlightCosts, split
 from uavcover.kernels.tours import nearest, shorten
-from uavcover.kernels.way_cost import FlightCosts, split
-from uavcover.missions.fleet_cuts import share_out
+from uavcover.missions.fleet_cuts import allocate
 from uavcover.missions.flights import compile_sorties, compile_unlike_sorties
 from uavcover.missions.objectives import flights_of_split, mission_cost, straight_flight_costs
-from uavcover.missions.way_cost import way_cost_of
+from uavcover.missions.path_cost import path_cost_of
 from uavcover.model.route import Route
-from uavcover.planner.final_changes import least_seen
+from uavcover.planner.final_changes import least_coverage
 from uavcover.planner.sortie_order.order_costs import OrderCosts, stretches_of
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicles import vehicle_sites
@@ -33,7 +33,7 @@ _LEAST_GAIN = 0.001
 _STREAM = 2
 """Stream of random numbers, apart from those of the local search."""
 
-_WAY_ITEMS = 2
+_TRANSIT_ITEMS = 2
 """Mission items of a way between home and the route: two waypoints, as over open ground."""
 
 
@@ -64,7 +64,7 @@ def has_several_sorties(site: Site, route: Route) -> bool:
 
 
 def reordered(
-    site: Site, judges: Sequence[CoverageMap], route: Route, effort: OrderEffort, *, asked: float | None
+    site: Site, judges: Sequence[CoverageMap], route: Route, effort: OrderEffort, *, required: float | None
 ) -> Route | None:
     """A route of the same stretches with a shorter mission, as planned and as compiled; None without one.
 
@@ -76,11 +76,11 @@ def reordered(
         judges: the evaluation grid, and finer cells that need the same coverage.
         route: keeps the limits.
         effort: of the search.
-        asked: required coverage of the visible ground, if any.
+        required: required coverage of the visible ground, if any.
     """
     if not has_several_sorties(site, route) or effort.done(0) >= 1.0:
         return None
-    least = [least_seen(_seen(judge, route), asked, finer=number > 0) for number, judge in enumerate(judges)]
+    least = [least_coverage(_observed(judge, route), required, finer=number > 0) for number, judge in enumerate(judges)]
     stretches = stretches_of(site, route)
     costs = OrderCosts(site, stretches, _straight_costs(site, route))
     rng = np.random.default_rng(np.random.SeedSequence([effort.seed, _STREAM]))
@@ -88,7 +88,7 @@ def reordered(
     other = stretches.joined(order)
     if mission_cost(site, other).time_s > (1.0 - _LEAST_GAIN) * mission_cost(site, route).time_s:
         return None
-    if any(_seen(judge, other) < needed for judge, needed in zip(judges, least, strict=True)):
+    if any(_observed(judge, other) < needed for judge, needed in zip(judges, least, strict=True)):
         return None
     return other if _is_done_sooner(_done_s(site, other), _done_s(site, route)) else None
 
@@ -100,12 +100,12 @@ def _is_done_sooner(times_s: tuple[float, float], before_s: tuple[float, float])
 def _may_be_reordered(site: Site, route: Route) -> bool:
     """Whether sorties share the waypoint between them, and their time counts."""
     along_path = site.scenario.sensor.looks_along_path
-    whole = site.home_m is not None and way_cost_of(site).mission == 1
+    whole = site.home_m is not None and path_cost_of(site).mission == 1
     return along_path and whole and 2 < len(route) <= _MOST_LEGS + 1
 
 
 def _straight_costs(site: Site, route: Route) -> FlightCosts:
-    return straight_flight_costs(site, route.waypoints_m, way_items=_WAY_ITEMS)
+    return straight_flight_costs(site, route.waypoints_m, transit_items=_TRANSIT_ITEMS)
 
 
 def _sorties(costs: FlightCosts) -> list[tuple[int, int]]:
@@ -114,8 +114,8 @@ def _sorties(costs: FlightCosts) -> list[tuple[int, int]]:
     return flights_of_split(begun, costs.shared) if math.isfinite(total_s) else []
 
 
-def _seen(judge: CoverageMap, route: Route) -> float:
-    return judge.share_of_coverable(judge.seen(route.waypoints_m))
+def _observed(judge: CoverageMap, route: Route) -> float:
+    return judge.fraction_of_coverable(judge.observed(route.waypoints_m))
 
 
 def _done_s(site: Site, route: Route) -> tuple[float, float]:
@@ -142,7 +142,7 @@ def _done_s(site: Site, route: Route) -> tuple[float, float]:
         for sortie, time_s in zip(sorties, times_s, strict=True):
             busy_s[sortie.vehicle] += time_s + turnaround_s
         return max(busy_s.values()), math.fsum(times_s)
-    return share_out(times_s, scenario.fleet.vehicles, turnaround_s).makespan_s, math.fsum(times_s)
+    return allocate(times_s, scenario.fleet.vehicles, turnaround_s).makespan_s, math.fsum(times_s)
 
 
 # Search for the order and the direction of stretches in which their sorties take least.
@@ -186,7 +186,9 @@ def better_order(
         count += 1
         drawn = tours.drawn(now)
         # Backwards, the other ends of the links between sorties are flown twice, and the wind is reversed.
-        time_s, _, order = min((costs.total_s(way), number, way) for number, way in enumerate((drawn, drawn[::-1] ^ 1)))
+        time_s, _, order = min(
+            (costs.total_s(drive), number, drive) for number, drive in enumerate((drawn, drawn[::-1] ^ 1))
+        )
         if time_s < now_s * (1.0 - _HEAT * (1.0 - cooled) * math.log(max(rng.random(), 1e-12))):
             now, now_s = order, time_s
         if time_s < best_s - _LEAST_GAIN_S:

@@ -20,7 +20,7 @@ from uavcover.model.limits import FlightLimits
 from uavcover.scenario.airspace.zones import Polygons, Zone, is_over_or_under
 from uavcover.scenario.obstacles import rings_m
 from uavcover.scenario.site import Site, once
-from uavcover.terrain.frames import Bounds, nodes_between, places_of_nodes_m
+from uavcover.terrain.frames import Bounds, nodes_between, positions_of_nodes_m
 from uavcover.terrain.ground import Ground
 
 # Lines of no-fly zones in space, for displays.
@@ -41,22 +41,22 @@ def zone_lines_m(site: Site, zone: Zone, bounds_m: tuple[float, float, float, fl
     entry, lines = zone.entry, []
     for part in shapely.get_parts(shown):
         for ring in rings_m(part) if isinstance(part, shapely.Polygon) else ():
-            places = np.asarray(
+            positions = np.asarray(
                 # lines follow the ground in pieces: this number along the longer side of the display
                 shapely.LineString(ring).segmentize(max(east - west, north - south) / 60).coords
             )
-            ground = site.ground.heights_m(places)
+            ground = site.ground.heights_m(positions)
             known = np.isfinite(ground)
-            places, ground = places[known], ground[known]
-            if len(places) < 2:
+            positions, ground = positions[known], ground[known]
+            if len(positions) < 2:
                 continue
             low = _zone_end_m(site, ground, entry.floor_agl_m, entry.floor_amsl_m, np.minimum, 0.0)
             top_agl_m = site.scenario.transit_ceiling_agl_m
             high = _zone_end_m(site, ground, entry.ceiling_agl_m, entry.ceiling_amsl_m, np.maximum, top_agl_m)
             low, high = np.maximum(low, ground), np.maximum(high, ground)
-            lines += [np.column_stack([places, low]), np.column_stack([places, high])]
-            corners = np.flatnonzero((places[:, None] == ring[:, :2]).all(axis=2).any(axis=1))
-            lines += [np.array([[*places[k], low[k]], [*places[k], high[k]]]) for k in corners]
+            lines += [np.column_stack([positions, low]), np.column_stack([positions, high])]
+            corners = np.flatnonzero((positions[:, None] == ring[:, :2]).all(axis=2).any(axis=1))
+            lines += [np.array([[*positions[k], low[k]], [*positions[k], high[k]]]) for k in corners]
     return lines
 
 
@@ -74,7 +74,7 @@ def _zone_end_m(
 #
 # A leg across a cliff that is low enough above its top is too high above its foot. A route stays on one side of such steps.
 
-_LEAST_SHARE = 0.005
+_LEAST_FRACTION = 0.005
 """Smallest fraction of a region: a smaller part behind steps, such as a ledge, is ignored."""
 
 _WIDTH_TO_M = 0.1
@@ -82,7 +82,7 @@ _WIDTH_TO_M = 0.1
 
 
 def parts_between_steps(ground: Ground, region: Polygons, *, width_m: float, slope: float) -> list[shapely.Polygon]:
-    """The parts of a region between steps of the ground; empty where steps divide nothing, or only ground below ``_LEAST_SHARE``.
+    """The parts of a region between steps of the ground; empty if all divided ground is below ``_LEAST_FRACTION``.
 
     Args:
         ground: its nodes are looked at; other grounds have no steps.
@@ -93,7 +93,7 @@ def parts_between_steps(ground: Ground, region: Polygons, *, width_m: float, slo
     steps = _steps(ground.surface, region, width_m, slope)
     if steps is None:
         return []
-    least_m2 = _LEAST_SHARE * region.area
+    least_m2 = _LEAST_FRACTION * region.area
     parts = [part for part in polygons_in(region.difference(steps)) if part.area >= least_m2]
     if len(parts) <= len(polygons_in(region)):
         return []
@@ -113,13 +113,13 @@ def least_width_m(
         width_m: at which they are parted.
         slope: tangent of the steepest leg.
     """
-    places = [part.representative_point() for part in parts]
+    positions = [part.representative_point() for part in parts]
     low, high = width_m, width_m + _highest_step_m(ground.surface, region.bounds)
     while high - low > _WIDTH_TO_M:
         middle = 0.5 * (low + high)
         steps = _steps(ground.surface, region, middle, slope)
         left = [region] if steps is None else polygons_in(region.difference(steps))
-        together = any(all(part.intersects(place) for place in places) for part in left)
+        together = any(all(part.intersects(position) for position in positions) for part in left)
         low, high = (low, middle) if together else (middle, high)
     return high
 
@@ -170,8 +170,8 @@ def _runs(surface: Surface, steep: BoolArray, first_column: int, first_row: int)
         np.column_stack([ends, rows + 1]), np.column_stack([begins, rows + 1]),
     ], axis=1) + np.array([first_column, first_row], dtype=float)  # fmt: skip
     flat = corners.reshape(-1, 2)
-    places = places_of_nodes_m(surface.grid, flat, np.full(len(flat), math.nan))
-    return [shapely.Polygon(corners) for corners in places[:, :2].reshape(-1, 4, 2)]
+    positions = positions_of_nodes_m(surface.grid, flat, np.full(len(flat), math.nan))
+    return [shapely.Polygon(corners) for corners in positions[:, :2].reshape(-1, 4, 2)]
 
 
 def _highest_step_m(surface: Surface, bounds_m: Bounds) -> float:
@@ -338,16 +338,16 @@ def _ground_amsl_m(site: Site, zone: Zone) -> tuple[float, float] | None:
     entry = zone.entry
     if entry.floor_amsl_m is None and entry.ceiling_amsl_m is None:
         return -math.inf, math.inf  # no altitude limit depends on it
-    places = _places_in(under, site.ground.surface.step_m)
-    ups = site.ground.heights_m(places)
+    positions = _positions_in(under, site.ground.surface.step_m)
+    ups = site.ground.heights_m(positions)
     known = np.isfinite(ups)
     if not known.any():
         return -math.inf, math.inf
-    alts = site.alts_amsl_m(np.column_stack([places[known], ups[known]]))
+    alts = site.alts_amsl_m(np.column_stack([positions[known], ups[known]]))
     return float(alts.min()) - _BETWEEN_SAMPLES_M, float(alts.max()) + _BETWEEN_SAMPLES_M
 
 
-def _places_in(shape: shapely.Geometry, step_m: float) -> FloatArray:
+def _positions_in(shape: shapely.Geometry, step_m: float) -> FloatArray:
     """(k, 2) a lattice of places in a shape, and its corners."""
     west, south, east, north = shapely.bounds(shape)
     step = max(step_m, (east - west) / _SAMPLES_ACROSS, (north - south) / _SAMPLES_ACROSS)

@@ -15,7 +15,7 @@ from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.scenario.airspace.zones import Polygons
 from uavcover.terrain.frames import Bounds
 
-_SHARES = (0.02, 0.5, 0.98)
+_FRACTIONS = (0.02, 0.5, 0.98)
 """Positions of a point of the lattice, near both ends and in the middle of its height band."""
 
 _LINKS = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1), (1, 3), (3, 1), (1, -3), (3, -1))
@@ -32,7 +32,7 @@ class Lattice:
     """Positions inside a band of heights, with the legs between them that keep the limits.
 
     Attributes:
-        places_m: (n, 3) the positions.
+        positions_m: (n, 3) the positions.
         links: (k, 2) numbers of those that a leg joins.
     """
 
@@ -59,9 +59,9 @@ class Lattice:
         low, high = band_m(spots_m)
         open_to = (low <= high) & shapely.contains_xy(polygon, spots_m[:, 0], spots_m[:, 1])
         number = np.where(open_to, np.cumsum(open_to) - 1, -1).reshape(rows, columns)
-        ups_m = low[:, None] + np.array(_SHARES) * (high - low)[:, None]
-        levels = len(_SHARES)
-        self.places_m = np.column_stack([np.repeat(spots_m[open_to], levels, axis=0), ups_m[open_to].ravel()])
+        ups_m = low[:, None] + np.array(_FRACTIONS) * (high - low)[:, None]
+        levels = len(_FRACTIONS)
+        self.positions_m = np.column_stack([np.repeat(spots_m[open_to], levels, axis=0), ups_m[open_to].ravel()])
         pairs: list[IntArray] = []
         for right, up in _LINKS:
             right_of, left_of = (number[:, max(0, sign * right) : columns + min(0, sign * right)] for sign in (1, -1))
@@ -72,11 +72,11 @@ class Lattice:
                 levels * np.column_stack([a[both], b[both]]) + np.array([i, j])
                 for i, j in itertools.product(range(levels), repeat=2)
             ]
-        self.links = self._flyable(self.places_m, np.vstack(pairs))
+        self.links = self._flyable(self.positions_m, np.vstack(pairs))
 
-    def _flyable(self, places_m: FloatArray, pairs: IntArray) -> IntArray:
+    def _flyable(self, positions_m: FloatArray, pairs: IntArray) -> IntArray:
         """The (k, 2) pairs of (n, 3) positions with a leg that keeps the limits."""
-        return pairs[self._allowed(places_m[pairs[:, 0]], places_m[pairs[:, 1]])]
+        return pairs[self._allowed(positions_m[pairs[:, 0]], positions_m[pairs[:, 1]])]
 
     def linked_with(self, ends_m: FloatArray, pairs: IntArray) -> tuple[FloatArray, IntArray, FloatArray]:
         """Positions with (m, 3) more at their end, links with those of the new ones, and the lengths of the links.
@@ -85,42 +85,44 @@ class Lattice:
             ends_m: each is linked with positions near it.
             pairs: (k, 2) numbers of new positions that may be linked with each other.
         """
-        places_m = np.vstack([self.places_m, ends_m])
-        away = np.linalg.norm(self.places_m[None, :, :2] - ends_m[:, None, :2], axis=2)
-        near = np.argsort(away, axis=1, kind="stable")[:, : _NEAR_SPOTS * len(_SHARES)]
-        to_ends = np.column_stack([near.ravel(), np.repeat(len(self.places_m) + np.arange(len(ends_m)), near.shape[1])])
-        links = np.vstack([self.links, self._flyable(places_m, np.vstack([to_ends, pairs]))])
-        return places_m, links, np.linalg.norm(places_m[links[:, 0]] - places_m[links[:, 1]], axis=1)
+        positions_m = np.vstack([self.positions_m, ends_m])
+        away = np.linalg.norm(self.positions_m[None, :, :2] - ends_m[:, None, :2], axis=2)
+        near = np.argsort(away, axis=1, kind="stable")[:, : _NEAR_SPOTS * len(_FRACTIONS)]
+        to_ends = np.column_stack(
+            [near.ravel(), np.repeat(len(self.positions_m) + np.arange(len(ends_m)), near.shape[1])]
+        )
+        links = np.vstack([self.links, self._flyable(positions_m, np.vstack([to_ends, pairs]))])
+        return positions_m, links, np.linalg.norm(positions_m[links[:, 0]] - positions_m[links[:, 1]], axis=1)
 
-    def path(self, column_m: FloatArray, end_column_m: FloatArray) -> FloatArray | None:
+    def path(self, climb_out_m: FloatArray, end_climb_out_m: FloatArray) -> FloatArray | None:
         """The shortest (n, 3) path from a vertical column to the first position of another; None if there is none.
 
         It begins at any of the (k, 3) positions of the column, best at the first, and may end with a vertical leg.
         """
-        ends_m = np.vstack([column_m, end_column_m])
-        places_m, links, length = self.linked_with(ends_m, np.zeros((0, 2), dtype=np.int64))
-        begin, end = len(self.places_m), len(self.places_m) + len(column_m)
+        ends_m = np.vstack([climb_out_m, end_climb_out_m])
+        positions_m, links, length = self.linked_with(ends_m, np.zeros((0, 2), dtype=np.int64))
+        begin, end = len(self.positions_m), len(self.positions_m) + len(climb_out_m)
         upright = np.array(
-            [[begin, k] for k in range(begin + 1, end)] + [[end, k] for k in range(end + 1, len(places_m))]
+            [[begin, k] for k in range(begin + 1, end)] + [[end, k] for k in range(end + 1, len(positions_m))]
         )
-        rises = _UPRIGHT * np.abs(np.diff(places_m[upright, 2], axis=1)).ravel()
+        rises = _UPRIGHT * np.abs(np.diff(positions_m[upright, 2], axis=1)).ravel()
         both, lengths = np.vstack([links, upright]), np.concatenate([length, rises])
-        graph = scipy.sparse.csr_matrix((lengths, (both[:, 0], both[:, 1])), shape=(len(places_m), len(places_m)))
+        graph = scipy.sparse.csr_matrix((lengths, (both[:, 0], both[:, 1])), shape=(len(positions_m), len(positions_m)))
         far, before = scipy.sparse.csgraph.dijkstra(graph, directed=False, indices=[begin], return_predecessors=True)
         if not math.isfinite(far[0, end]):
             return None
-        way = [end]
-        while way[-1] != begin:
-            way.append(int(before[0, way[-1]]))
-        last = way[:1] if way[1] > end else []
-        level = way[len(last) : -1] if begin < way[-2] < end else way[len(last) :]
-        return np.vstack([self.with_few_corners(places_m[level[::-1]]), places_m[last]])
+        path = [end]
+        while path[-1] != begin:
+            path.append(int(before[0, path[-1]]))
+        last = path[:1] if path[1] > end else []
+        level = path[len(last) : -1] if begin < path[-2] < end else path[len(last) :]
+        return np.vstack([self.with_few_corners(positions_m[level[::-1]]), positions_m[last]])
 
-    def with_few_corners(self, way_m: FloatArray) -> FloatArray:
+    def with_few_corners(self, path_m: FloatArray) -> FloatArray:
         """An (n, 3) path with the longest legs from each position that keep the limits."""
         kept = [0]
-        while kept[-1] < len(way_m) - 1:
-            rest = way_m[kept[-1] + 1 :]
-            reached = np.flatnonzero(self._allowed(np.broadcast_to(way_m[kept[-1]], rest.shape), rest))
+        while kept[-1] < len(path_m) - 1:
+            rest = path_m[kept[-1] + 1 :]
+            reached = np.flatnonzero(self._allowed(np.broadcast_to(path_m[kept[-1]], rest.shape), rest))
             kept.append(kept[-1] + 1 + (int(reached[-1]) if len(reached) else 0))
-        return way_m[kept]
+        return path_m[kept]

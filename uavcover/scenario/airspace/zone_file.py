@@ -36,7 +36,7 @@ METRES: Final = {"M": 1.0, "FT": 0.3048, "F": 0.3048, "KM": 1000.0, "NM": 1852.0
 _LOWEST_PRESSURE_M = 550.0
 """A flight level is a pressure level. At 950 hPa, reduced to sea level, it is lower by this than in the standard atmosphere; at
 1050 hPa it is about 300 m higher ..."""
-_COLD_SHARE = 0.15
+_COLD_FRACTION = 0.15
 """... and in air 40 degrees colder than the standard one everything is 15 % lower."""
 
 
@@ -101,7 +101,7 @@ def height_key(end: str, value: float, unit: str, datum: str, *, where: str) -> 
     if unit.upper() == "FL" or datum.upper() == "STD":
         if end == "ceiling":
             return {}
-        return {"floor_amsl_m": max(0.0, (1.0 - _COLD_SHARE) * height_m - _LOWEST_PRESSURE_M)}
+        return {"floor_amsl_m": max(0.0, (1.0 - _COLD_FRACTION) * height_m - _LOWEST_PRESSURE_M)}
     if datum.upper() in {"AGL", "GND", "SFC", "ASFC", "HEI"}:
         return {} if end == "floor" and height_m <= 0.0 else {f"{end}_agl_m": height_m}
     if datum.upper() in {"AMSL", "MSL", "ALT"}:
@@ -152,9 +152,9 @@ def read_zones(
     close = [(number, zone) for number, zone in enumerate(wanted, start=1) if near is None or _is_near(zone, near)]
     found = []
     for number, zone in close:
-        own, mended = _entry_of(entry, zone, f"{path}, zone {number} ({shown(zone.name)})")
+        own, repairs = _entry_of(entry, zone, f"{path}, zone {number} ({shown(zone.name)})")
         found.append(own)
-        notes += mended
+        notes += repairs
     if len(close) < len(wanted):
         notes.append(
             f"{path.name}: ignored {len(wanted) - len(close)} of {len(wanted)} zones, because they are more than "
@@ -214,10 +214,9 @@ def _of_text(text: str, suffix: str) -> ReadZones | None:
             return found
     if suffix not in SUFFIXES:
         raise FormatError(
-            "this is not an OpenAir file, because no record begins with AC",
-            where="line 1",
+            "this is not an OpenAir file, because no record begins with AC", where="line 1",
             advice="use a file with zones",
-        )
+        )  # fmt: skip
     return None
 
 
@@ -227,7 +226,7 @@ def _of_plan(text: str) -> ReadZones:
     zones = [
         ReadZone(
             f"exclusion {n}", frozenset(), {}, rings_may_be_open=True,
-            polygons=((tuple((place.lon_deg, place.lat_deg) for place in one.vertices),),),
+            polygons=((tuple((position.lon_deg, position.lat_deg) for position in one.vertices),),),
         )
         for n, one in enumerate((one for one in fence.polygons if not one.inclusion), start=1)
     ]  # fmt: skip
@@ -314,7 +313,7 @@ def _entry_of(entry: NoFly, zone: ReadZone, where: str) -> tuple[NoFly, list[str
             )
             raise InputError(text) from error
         polygons = [polygon for found, _ in read for polygon in found]
-        notes = [note for _, mended in read for note in mended]
+        notes = [note for _, repairs in read for note in repairs]
         changes["polygons_lon_lat_deg"] = tuple(_open(rings_of(polygon)) for polygon in joined(polygons))
     try:
         return dataclasses.replace(entry, **changes), notes
@@ -331,11 +330,11 @@ def _is_near(zone: ReadZone, near: Bounds) -> bool:
     """Whether a zone may be near; a zone in another coordinate system, or with numbers that are none, may be."""
     west, south, east, north = near
     reach_km = NEAR_KM
-    places = [place for rings in zone.polygons for place in rings[0]]
+    positions = [position for rings in zone.polygons for position in rings[0]]
     if zone.circle is not None:
-        places = [zone.circle[:2]]
+        positions = [zone.circle[:2]]
         reach_km += abs(zone.circle[2]) / 1000.0
-    lons, lats = np.array(places, dtype=float).reshape(-1, 2).T
+    lons, lats = np.array(positions, dtype=float).reshape(-1, 2).T
     if not zone.crs.equals(WGS84) or len(lons) == 0 or not (np.isfinite(lons).all() and np.abs(lats).max() <= 90.0):
         return True
     middle = 0.5 * (west + east)

@@ -21,7 +21,7 @@ from uavcover.errors import ScenarioError
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.obstacle_breach import edge_distances_m, parts_over
 from uavcover.kernels.obstacles import NO_OBSTACLES, ObstaclePrisms, make_obstacles
-from uavcover.kernels.shortest_way import are_clear, shortest_way
+from uavcover.kernels.shortest_path import are_clear, shortest_path
 from uavcover.model.limits import NoFly
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground
@@ -61,10 +61,10 @@ class Zone:
         """Distance of a position to the outline from inside, at any height; 0 outside."""
         if self.circle is not None:
             return max(0.0, self.circle[2] - math.hypot(east_m - self.circle[0], north_m - self.circle[1]))
-        place = shapely.Point(east_m, north_m)
-        return float(shapely.distance(self.outline.boundary, place)) if self.outline.contains(place) else 0.0
+        position = shapely.Point(east_m, north_m)
+        return float(shapely.distance(self.outline.boundary, position)) if self.outline.contains(position) else 0.0
 
-    def heights_in_words(self) -> str:
+    def heights_text(self) -> str:
         """Floor and ceiling as text."""
         entry = self.entry
         floors = [(entry.floor_agl_m, "above ground"), (entry.floor_amsl_m, "AMSL")]
@@ -96,27 +96,27 @@ def _corners_around(radius_m: float) -> int:
     return min(max(8, math.ceil(math.pi / math.acos(radius_m / (radius_m + _CORNER_REACH_M)))), 180)
 
 
-def local_zones(entries: Sequence[NoFly], frame: LocalFrame | None, places: shapely.Geometry) -> tuple[Zone, ...]:
+def local_zones(entries: Sequence[NoFly], frame: LocalFrame | None, positions: shapely.Geometry) -> tuple[Zone, ...]:
     """The zones that come near to places, in the local frame.
 
     Args:
         entries: zones with outlines, checked.
         frame: the local frame; needed for zones in degrees.
-        places: positions of possible flights, (east, north) metres.
+        positions: positions of possible flights, (east, north) metres.
     """
     found = []
     for number, entry in enumerate(entries):
         zone = _local(entry, frame, entry.name or f"no_fly {number}")
-        if zone.grown(entry.margin_m).intersects(places):
+        if zone.grown(entry.margin_m).intersects(positions):
             found.append(zone)
     return tuple(found)
 
 
 def _local(entry: NoFly, frame: LocalFrame | None, name: str) -> Zone:
-    def local(places: Sequence[tuple[float, float]]) -> FloatArray:
+    def local(positions: Sequence[tuple[float, float]]) -> FloatArray:
         if entry.is_geographic and frame is not None:
-            return frame.en_from_lon_lat(places)
-        return np.asarray(places, dtype=float)
+            return frame.en_from_lon_lat(positions)
+        return np.asarray(positions, dtype=float)
 
     center = entry.center_lon_lat_deg or entry.center_east_north_m
     if center is not None and entry.radius_m is not None:
@@ -150,13 +150,13 @@ class ZoneCheck:
         """
         route = np.asarray(route_m, dtype=float).reshape(-1, 3)
         if len(route) == 1:
-            return self.place_breaches(route)
+            return self.position_breaches(route)
         return self._breaches(route[:-1], route[1:], legs)
 
-    def place_breaches(self, places_m: FloatArray) -> list[ZoneBreach]:
+    def position_breaches(self, positions_m: FloatArray) -> list[ZoneBreach]:
         """The same for (n, 3) positions without legs."""
-        places = np.asarray(places_m, dtype=float).reshape(-1, 3)
-        return self._breaches(places, places, None)
+        positions = np.asarray(positions_m, dtype=float).reshape(-1, 3)
+        return self._breaches(positions, positions, None)
 
     def _breaches(self, begins: FloatArray, ends: FloatArray, legs: BoolArray | None) -> list[ZoneBreach]:
         if not self.zones or len(begins) == 0:
@@ -180,8 +180,8 @@ class ZoneCheck:
         limited = parts.solids.limited[parts.zone]
         if not limited.any():
             return out
-        legs, share = parts.leg[limited], parts.share[limited]
-        p, q = (begins[legs] + share[:, k, None] * (ends[legs] - begins[legs]) for k in (0, 1))
+        legs, fraction = parts.leg[limited], parts.fraction[limited]
+        p, q = (begins[legs] + fraction[:, k, None] * (ends[legs] - begins[legs]) for k in (0, 1))
         line = np.stack([p, q, np.full_like(p, np.nan)], axis=1).reshape(-1, 3)
         ranges = self.ground.leg_height_ranges_m(line)[0::3]
         both = np.stack([p, q], axis=1)
@@ -212,22 +212,22 @@ class _PartsInside:
     solids: "_Solids"  # of the zones
     leg: IntArray  # (k,) number of the leg
     zone: IntArray  # (k,) number of the zone
-    share: FloatArray  # (k, 2) parameters 0..1 along the leg where the part begins and ends
+    fraction: FloatArray  # (k, 2) parameters 0..1 along the leg where the part begins and ends
 
     def only(self, kept: BoolArray) -> "_PartsInside":
         """Some of the parts."""
-        return _PartsInside(self.solids, self.leg[kept], self.zone[kept], self.share[kept])
+        return _PartsInside(self.solids, self.leg[kept], self.zone[kept], self.fraction[kept])
 
     def deepest(self, begins: FloatArray, ends: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(k,) largest distances to the edge of the zone, and the parameters there. Above 0, because the parts are inside."""
-        solids, (begin, end) = self.solids, self.share.T
+        solids, (begin, end) = self.solids, self.fraction.T
         at = begin[:, None] + (end - begin)[:, None] * (np.arange(_SAMPLES + 1) / _SAMPLES)
         p, q = begins[self.leg, None, :2], ends[self.leg, None, :2]
-        places = p + at[:, :, None] * (q - p)
+        positions = p + at[:, :, None] * (q - p)
         circle = solids.circles[self.zone]
-        depths = circle[:, 2, None] - np.hypot(*np.moveaxis(places - circle[:, None, :2], 2, 0))
+        depths = circle[:, 2, None] - np.hypot(*np.moveaxis(positions - circle[:, None, :2], 2, 0))
         around = np.isnan(circle[:, 2])
-        depths[around] = edge_distances_m(solids.footprints, self.zone[around], np.ascontiguousarray(places[around]))
+        depths[around] = edge_distances_m(solids.footprints, self.zone[around], np.ascontiguousarray(positions[around]))
         worst = depths.argmax(axis=1)
         rows = np.arange(len(worst))
         return np.maximum(depths[rows, worst], _TOUCHING_M), at[rows, worst]
@@ -260,10 +260,10 @@ class _Solids:
         ends_m = np.hstack([begins[leg, :2], ends[leg, :2]])
         round_ = np.flatnonzero(~np.isnan(self.circles[zone, 2]))
         other = np.flatnonzero(np.isnan(self.circles[zone, 2]))
-        pair, share = parts_over(self.footprints, zone[other], ends_m[other])
+        pair, fraction = parts_over(self.footprints, zone[other], ends_m[other])
         in_circle, of_circle = _parts_in_circles(self.circles[zone[round_]], ends_m[round_])
         pair = np.concatenate([other[pair], round_[in_circle]])
-        return _PartsInside(self, leg[pair], zone[pair], np.concatenate([share, of_circle]))
+        return _PartsInside(self, leg[pair], zone[pair], np.concatenate([fraction, of_circle]))
 
 
 def footprints_of(shapes: Sequence[shapely.Geometry] | NDArray[Any]) -> ObstaclePrisms:
@@ -303,24 +303,24 @@ def _parts_in_circles(circles: FloatArray, lines: FloatArray) -> tuple[IntArray,
     nearest = -(away * towards).sum(axis=1)
     aside = np.where(still, np.hypot(*away.T), np.abs(away[:, 0] * towards[:, 1] - away[:, 1] * towards[:, 0]))
     half = np.sqrt(np.maximum(radius * radius - aside * aside, 0.0))
-    share = np.clip(np.column_stack([nearest - half, nearest + half]) / unit[:, None], 0.0, 1.0)
-    share[still] = 0.0, 1.0
-    inside = (aside < radius - _TOUCHING_M) & (still | ((share[:, 1] - share[:, 0]) * length > _TOUCHING_M))
-    return np.flatnonzero(inside), share[inside]
+    fraction = np.clip(np.column_stack([nearest - half, nearest + half]) / unit[:, None], 0.0, 1.0)
+    fraction[still] = 0.0, 1.0
+    inside = (aside < radius - _TOUCHING_M) & (still | ((fraction[:, 1] - fraction[:, 0]) * length > _TOUCHING_M))
+    return np.flatnonzero(inside), fraction[inside]
 
 
-def check_is_outside(key: str, zones: tuple[Zone, ...], place_m: FloatArray, alt_amsl_offset_m: float) -> None:
+def check_is_outside(key: str, zones: tuple[Zone, ...], position_m: FloatArray, alt_amsl_offset_m: float) -> None:
     """Refuse a home or rally point in a no-fly zone that begins at the ground, or nearer to it than its margin."""
-    place = shapely.Point(place_m[:2])
+    position = shapely.Point(position_m[:2])
     for zone in zones:
         entry = zone.entry
         floors = [floor for floor in (entry.floor_agl_m,) if floor is not None]
-        floors += [entry.floor_amsl_m - (place_m[2] + alt_amsl_offset_m)] if entry.floor_amsl_m is not None else []
+        floors += [entry.floor_amsl_m - (position_m[2] + alt_amsl_offset_m)] if entry.floor_amsl_m is not None else []
         if floors and min(floors) > 0.0:
             continue
-        distance_m = zone.outline.distance(place)
+        distance_m = zone.outline.distance(position)
         if zone.circle is not None:
-            distance_m = max(0.0, math.hypot(*(place_m[:2] - zone.circle[:2])) - zone.circle[2])
+            distance_m = max(0.0, math.hypot(*(position_m[:2] - zone.circle[:2])) - zone.circle[2])
         if distance_m < entry.margin_m or distance_m == 0.0:
             where = "lies in" if distance_m == 0.0 else f"is {distance_m:.1f} m from"
             more = "" if distance_m == 0.0 else f", whose margin_m is {entry.margin_m:g} m"
@@ -333,7 +333,7 @@ _MOST_CORNERS = 48
 """A wall with more corners is divided, because every nearby line tests all its corners."""
 
 
-class WayRound:
+class PathAround:
     """Shortest paths on the map inside a region with holes. Their corners are corners of the region that protrude into it."""
 
     def __init__(self, region: Polygons) -> None:
@@ -345,11 +345,11 @@ class WayRound:
         shapely.prepare(self._inner)
         shapely.covers(self._inner, shapely.centroid(region))
 
-    def inside(self, place_m: FloatArray) -> FloatArray:
+    def inside(self, position_m: FloatArray) -> FloatArray:
         """A (2,) place, or the nearest one inside."""
-        point = shapely.Point(place_m)
+        point = shapely.Point(position_m)
         if self._inner.is_empty or self._inner.covers(point):
-            return place_m
+            return position_m
         return np.asarray(nearest_points(self._inner, point)[0].coords[0])
 
     @property
@@ -373,8 +373,8 @@ class WayRound:
         """
         if self.is_straight(a_m, b_m):
             return np.array([a_m, b_m])
-        a, b = ((float(place[0]), float(place[1])) for place in (a_m, b_m))
-        numbers = shortest_way(self._walls, self._corners, a, b)
+        a, b = ((float(position[0]), float(position[1])) for position in (a_m, b_m))
+        numbers = shortest_path(self._walls, self._corners, a, b)
         return np.array([a_m, *self._corners[numbers, :2], b_m]) if numbers.size else None
 
     def along(self, a_m: FloatArray, b_m: FloatArray) -> FloatArray | None:
@@ -386,19 +386,19 @@ class WayRound:
             return np.array([a_m, b_m])
         line = np.array([[*a_m, *b_m]], dtype=float)
         step_m = line[0, 2:] - line[0, :2]
-        _, shares = parts_over(self._free, np.zeros(1, dtype=np.int64), line)
-        kept = (shares[:, 1] - shares[:, 0]) * np.hypot(*step_m) > _INSIDE_M
-        ends_m = line[0, :2] + shares[kept].reshape(-1, 1) * step_m
-        ends_m[shares[kept].ravel() == 1.0] = b_m
-        way = [np.asarray(a_m, dtype=float)]
-        for place in [*ends_m, np.asarray(b_m, dtype=float)]:
-            if np.hypot(*(place - way[-1])) <= _INSIDE_M:
+        _, fractions = parts_over(self._free, np.zeros(1, dtype=np.int64), line)
+        kept = (fractions[:, 1] - fractions[:, 0]) * np.hypot(*step_m) > _INSIDE_M
+        ends_m = line[0, :2] + fractions[kept].reshape(-1, 1) * step_m
+        ends_m[fractions[kept].ravel() == 1.0] = b_m
+        path = [np.asarray(a_m, dtype=float)]
+        for position in [*ends_m, np.asarray(b_m, dtype=float)]:
+            if np.hypot(*(position - path[-1])) <= _INSIDE_M:
                 continue
-            part = self.between(way[-1], place)
+            part = self.between(path[-1], position)
             if part is None:
                 return self.between(a_m, b_m)
-            way += list(part[1:])
-        return np.array(way)
+            path += list(part[1:])
+        return np.array(path)
 
 
 def _walls_around(region: Polygons) -> ObstaclePrisms:

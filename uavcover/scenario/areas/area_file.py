@@ -62,7 +62,7 @@ def read_polygons(rings: Rings, reading: RingReading, where: str) -> tuple[list[
     polygon = shapely.Polygon(outlines[0], outlines[1:])
     parts = [polygon]
     if not polygon.is_valid:
-        parts = _mended(polygon, reading, where)
+        parts = _repaired(polygon, reading, where)
     if not any(part.area > 0.0 for part in parts):
         if shapely.Polygon(outlines[0]).area > 0.0:
             raise InputError(f"{where}: the holes cover the whole area; remove some of them")
@@ -139,13 +139,13 @@ def _continuous(outlines: Sequence[FloatArray], reading: RingReading, where: str
     return found
 
 
-def _mended(polygon: shapely.Polygon, reading: RingReading, where: str) -> list[shapely.Polygon]:
+def _repaired(polygon: shapely.Polygon, reading: RingReading, where: str) -> list[shapely.Polygon]:
     if polygon.area == 0.0 and polygon.convex_hull.area == 0.0:
         return [polygon]
     if not reading.make_valid:
-        reason, _, place = shapely.is_valid_reason(polygon).partition("[")
-        numbers = [float(number) for number in place.rstrip("]").split()[:2]]
-        at = f" at {_place(numbers, reading)}" if len(numbers) == 2 else ""
+        reason, _, position = shapely.is_valid_reason(polygon).partition("[")
+        numbers = [float(number) for number in position.rstrip("]").split()[:2]]
+        at = f" at {_position(numbers, reading)}" if len(numbers) == 2 else ""
         what = {
             "Self-intersection": "the outline crosses itself",
             "Ring Self-intersection": "the outline touches itself",
@@ -188,7 +188,7 @@ def _lon_lat(corners: FloatArray, reading: RingReading, where: str) -> FloatArra
     return np.column_stack([lon, lat])
 
 
-def _place(numbers: list[float], reading: RingReading) -> str:
+def _position(numbers: list[float], reading: RingReading) -> str:
     """A position of the file, as longitude and latitude where possible."""
     try:
         lon, lat = (
@@ -298,17 +298,17 @@ def read_area(query: AreaQuery, *, folder: Path = Path()) -> FoundArea:
     features = chosen(document, query.layer, query.feature)
     reading = RingReading(_system(document, query), document.rings_may_be_open, query.make_valid, query.swap_axes)
     polygons: list[shapely.Polygon] = []
-    mended: list[str] = []
+    repaired: list[str] = []
     for where, feature in features:
         for rings in feature.polygons:
             found, notes = read_polygons(rings, reading, f"{document.source}, {where}" if is_file else document.source)
             polygons += found
-            mended += notes
+            repaired += notes
     names = {feature.name for _, feature in features}
     name = names.pop() if len(names) == 1 else ""
     return FoundArea(
         tuple(rings_of(polygon) for polygon in joined(polygons)),
-        name or (path.stem if is_file else ""), is_file, (*document.notes, *document.unclosed, *mended),
+        name or (path.stem if is_file else ""), is_file, (*document.notes, *document.unclosed, *repaired),
     )  # fmt: skip
 
 

@@ -60,17 +60,17 @@ def read_osmosis(text: str, source: str) -> AreaDocument:
 
 def _section(lines: list[tuple[int, str]], at: int) -> tuple[Ring, int]:
     """The ring that begins at a line, and the line behind its ``END``."""
-    places: list[tuple[float, float]] = []
+    positions: list[tuple[float, float]] = []
     for number, line in lines[at:]:
         at += 1
         if line == "END":
-            if len(places) < 3:
+            if len(positions) < 3:
                 raise FormatError(
-                    f"the section has {len(places)} positions",
+                    f"the section has {len(positions)} positions",
                     where=f"line {number}",
                     advice="an area requires at least three",
                 )
-            return tuple(places), at
+            return tuple(positions), at
         try:
             lon, lat = (float(word) for word in words_of(line, 2).words)
         except (ValueError, FormatError):
@@ -81,7 +81,7 @@ def _section(lines: list[tuple[int, str]], at: int) -> tuple[Ring, int]:
                 where=f"line {number}",
                 advice="write longitude, then latitude",
             )
-        places.append((lon, lat))
+        positions.append((lon, lat))
     raise FormatError("the last section lacks END", where=f"line {lines[-1][0]}", advice="download the file again")
 
 
@@ -230,8 +230,8 @@ def read_plan(text: str, source: str) -> AreaDocument:
     for entry in document.entries:
         kind = entry.document.get("complexItemType")
         if kind in _SURVEYS:
-            places = [place.floats(2) for place in Node(entry.document, entry.kind).get("polygon").nodes()]
-            found.append(AreaFeature(((tuple((lon, lat) for lat, lon in places),),), layer="survey"))
+            positions = [position.floats(2) for position in Node(entry.document, entry.kind).get("polygon").nodes()]
+            found.append(AreaFeature(((tuple((lon, lat) for lat, lon in positions),),), layer="survey"))
     features = tuple(found) or _of_fence(document.fence)
     flown = len(document.mission.items)
     return AreaDocument(
@@ -268,7 +268,7 @@ def _of_fence(fence: Fence) -> tuple[AreaFeature, ...]:
 
 
 def _corners(ring: Iterable[LatLon]) -> Ring:
-    return tuple((place.lon_deg, place.lat_deg) for place in ring)
+    return tuple((position.lon_deg, position.lat_deg) for position in ring)
 
 
 def circle_ring(lat_deg: float, lon_deg: float, radius_m: float) -> Ring:

@@ -30,7 +30,7 @@ class LoggedRows:
     attitudes: FloatArray  # (k, 4) time in seconds, roll, pitch and yaw in degrees; may be empty
     # (p, 3) time in seconds, latitude and longitude in degrees of every photo that was taken, NaN or 0 where its
     # position is not reported; none in a log without camera messages
-    pictures: FloatArray | None = None
+    photos: FloatArray | None = None
     warnings: tuple[str, ...] = ()  # what was dropped or assumed so far
     # (c, 2) times in seconds and the same moments in seconds since 1970 (UTC), where the log tells them
     clock: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
@@ -48,8 +48,8 @@ class LoggedRows:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Logs:
-    picture_place_error_m: float
-    picture_time_error_s: float
+    photo_position_error_m: float
+    photo_time_error_s: float
     clock_spread_s: float
     most_lean_cos: float
     max_attitude_gap_s: float
@@ -137,13 +137,13 @@ def read_dataflash(path: Path) -> LoggedRows:
     positions = estimated or measured
     if not positions:
         raise TrackError(f"{path}: the log has no POS or GPS messages; to log them, set bits 1 and 2 of LOG_BITMASK")
-    pictures = cameras["CAM"] or cameras["TRIG"]
-    if pictures and not cameras["CAM"]:
+    photos = cameras["CAM"] or cameras["TRIG"]
+    if photos and not cameras["CAM"]:
         warnings.append(f"{path}: without CAM messages, triggers (TRIG) count as photos even if no photo was taken")
     return LoggedRows(
         np.array(positions),
         np.array(attitudes).reshape(-1, 4),
-        np.array(pictures) if pictures else None,
+        np.array(photos) if photos else None,
         tuple(warnings),
         np.array(clock).reshape(-1, 2),
         np.array(ranges).reshape(-1, 2),
@@ -233,9 +233,9 @@ _TRACKERS = (5,)
 """MAV_TYPE of antenna trackers, which fly an autopilot's firmware and nothing else."""
 _LOOKS_DOWN = 25
 """MAV_SENSOR_ROTATION_PITCH_270."""
-_Pictures = dict[tuple[int, int, int], tuple[float, ...] | None]
+_Photos = dict[tuple[int, int, int], tuple[float, ...] | None]
 """Time, latitude and longitude of a photo, none of one that failed; by system, camera and number."""
-_NOT_PICTURES = (1, 2)
+_NOT_PHOTOS = (1, 2)
 """CAMERA_FEEDBACK_VIDEO and CAMERA_FEEDBACK_BADEXPOSURE."""
 
 _Rows = dict[_Source, list[tuple[float, ...]]]
@@ -264,7 +264,7 @@ def read_telemetry(path: Path, *, system: int | None = None) -> LoggedRows:
     attitudes: _Rows = defaultdict(list)
     clocks: _Rows = defaultdict(list)
     autopilots: set[_Source] = set()
-    cameras: dict[str, _Pictures] = {"CAMERA_FEEDBACK": {}, "CAMERA_IMAGE_CAPTURED": {}}
+    cameras: dict[str, _Photos] = {"CAMERA_FEEDBACK": {}, "CAMERA_IMAGE_CAPTURED": {}}
     now_s: dict[int, float] = {}
     ranges: dict[str, _Rows] = {"DISTANCE_SENSOR": defaultdict(list), "RANGEFINDER": defaultdict(list)}
     stored: _Rows = defaultdict(list)
@@ -276,7 +276,7 @@ def read_telemetry(path: Path, *, system: int | None = None) -> LoggedRows:
             kind = message.get_type()
             if kind in cameras:
                 # A photo before the first position has no place in the track.
-                _note_picture(cameras[kind], message, source, now_s.get(source[0], 0.0))
+                _note_photo(cameras[kind], message, source, now_s.get(source[0], 0.0))
                 continue
             if kind == "HEARTBEAT":
                 is_vehicle = kind_of(message.type) is not VehicleKind.NO_VEHICLE and message.type not in _TRACKERS
@@ -328,13 +328,13 @@ def read_telemetry(path: Path, *, system: int | None = None) -> LoggedRows:
     of_vehicle = [{key: row for key, row in found.items() if key[0] == source[0]} for found in cameras.values()]
     counted = of_vehicle[0] or of_vehicle[1]
     reports = list(counted.values())
-    pictures = np.array([row for row in reports if row is not None]).reshape(-1, 3) if reports else None
+    photos = np.array([row for row in reports if row is not None]).reshape(-1, 3) if reports else None
     warnings: tuple[str, ...] = ()
     if failed := sum(row is None for row in reports):
         warnings = (f"{path}: the camera failed to take {failed} of {len(reports)} photos",)
     measured = ranges["DISTANCE_SENSOR"][source] or ranges["RANGEFINDER"][source]
     return LoggedRows(
-        np.array(positions[source]), np.array(attitudes[source]).reshape(-1, 4), pictures, warnings,
+        np.array(positions[source]), np.array(attitudes[source]).reshape(-1, 4), photos, warnings,
         np.array(clocks[source]).reshape(-1, 2), np.array(measured).reshape(-1, 2), np.array(stored[source]).reshape(-1, 3),
         _lost(counted), np.array(velocities[source]), _any_fix(fixes[source]),
     )  # fmt: skip
@@ -352,7 +352,7 @@ def _range(message: Any, now_s: float | None) -> list[tuple[float, ...]]:
     return [(now_s, 0.01 * message.current_distance)] if in_range and looks_down else []
 
 
-def _lost(counted: _Pictures) -> NDArray[np.int64]:
+def _lost(counted: _Photos) -> NDArray[np.int64]:
     """The number of photos that each camera counted since the message before, and that no message reports."""
     lost: list[int] = []
     before: dict[int, int] = {}
@@ -364,15 +364,15 @@ def _lost(counted: _Pictures) -> NDArray[np.int64]:
     return np.array(lost, dtype=np.int64)
 
 
-def _note_picture(found: _Pictures, message: Any, source: _Source, now_s: float) -> None:
+def _note_photo(found: _Photos, message: Any, source: _Source, now_s: float) -> None:
     """Note a photo that a camera reports, unless it was noted before."""
     if message.get_type() == "CAMERA_FEEDBACK":
-        camera, number, good = message.cam_idx, message.img_idx, message.flags not in _NOT_PICTURES
-        place = (message.lat * 1e-7, message.lng * 1e-7)
+        camera, number, good = message.cam_idx, message.img_idx, message.flags not in _NOT_PHOTOS
+        position = (message.lat * 1e-7, message.lng * 1e-7)
     else:
         camera, number, good = message.camera_id, message.image_index, message.capture_result == 1
-        place = (message.lat * 1e-7, message.lon * 1e-7)
-    found.setdefault((source[0], camera, number), (now_s, *place) if good else None)
+        position = (message.lat * 1e-7, message.lon * 1e-7)
+    found.setdefault((source[0], camera, number), (now_s, *position) if good else None)
 
 
 def read_gpx(path: Path) -> LoggedRows:

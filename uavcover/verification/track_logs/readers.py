@@ -74,11 +74,11 @@ def read_ulog(path: Path) -> LoggedRows:
     if "vehicle_attitude" in datasets:
         attitude = datasets["vehicle_attitude"]
         attitudes = np.column_stack([attitude["timestamp"] * 1e-6, _euler_deg(attitude)])
-    pictures, more = _pictures(path, datasets)
+    photos, more = _photos(path, datasets)
     warnings += more
     ranges = _ranges(datasets.get("distance_sensor"))
     return LoggedRows(
-        positions.astype(float), attitudes, pictures, tuple(warnings), _clock(datasets), ranges,
+        positions.astype(float), attitudes, photos, tuple(warnings), _clock(datasets), ranges,
         velocities=_velocities(datasets, _VELOCITIES if position else _VELOCITIES[2:]), fixes=_fixes(datasets),
     )  # fmt: skip
 
@@ -160,7 +160,7 @@ def _clock(datasets: dict[str, dict[str, Any]]) -> FloatArray:
     return np.empty((0, 2))
 
 
-def _pictures(path: Path, datasets: dict[str, dict[str, Any]]) -> tuple[FloatArray | None, list[str]]:
+def _photos(path: Path, datasets: dict[str, dict[str, Any]]) -> tuple[FloatArray | None, list[str]]:
     """(p, 3) time, latitude and longitude of the photos, none in a log without a camera; and warnings about them."""
     if capture := datasets.get("camera_capture"):
         if lacking := {"timestamp", "seq", "lat", "lon", "result"} - set(capture):
@@ -301,8 +301,8 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
         )
     velocity = _velocities_at(positions[:, 0], rows.velocities.reshape(-1, 4))
     pictures_taken = np.full(len(positions), np.nan)
-    if rows.pictures is not None:
-        pictures_taken, doubted = _pictures_taken(frame, positions, rows.pictures.reshape(-1, 3), rows.lost)
+    if rows.photos is not None:
+        pictures_taken, doubted = _photos_taken(frame, positions, rows.photos.reshape(-1, 3), rows.lost)
         warnings += [f"{path}: {words}" for words in doubted]
     return ReadTrack(
         Track(
@@ -362,8 +362,8 @@ def _unix_offsets_s(clock: FloatArray, time_s: FloatArray) -> FloatArray:
     return np.full(len(time_s), float(np.median(offsets)))
 
 
-def _pictures_taken(
-    frame: LocalFrame, positions: FloatArray, pictures: FloatArray, lost: IntArray
+def _photos_taken(
+    frame: LocalFrame, positions: FloatArray, photos: FloatArray, lost: IntArray
 ) -> tuple[FloatArray, list[str]]:
     """Photos taken up to each of (n, 4) positions, and which of (p, 3) photos the positions contradict.
 
@@ -371,30 +371,30 @@ def _pictures_taken(
     photo has a row of its own, so of several between two positions one counts: what they would show is the same.
     """
     times, doubted = positions[:, 0], []
-    inside = (pictures[:, 0] > times[0]) & (pictures[:, 0] <= times[-1])
+    inside = (photos[:, 0] > times[0]) & (photos[:, 0] <= times[-1])
     if not inside.all():
         doubted.append(
-            f"{int((~inside).sum())} of {len(pictures)} photos were taken outside the time of the track; they do not "
+            f"{int((~inside).sum())} of {len(photos)} photos were taken outside the time of the track; they do not "
             "count as evidence"
         )
     lost = lost[inside] if lost.size else np.zeros(int(inside.sum()), dtype=np.int64)
-    pictures = pictures[inside]
-    placed = np.isfinite(pictures[:, 1:]).all(axis=1) & (pictures[:, 1:] != 0.0).any(axis=1)
+    photos = photos[inside]
+    placed = np.isfinite(photos[:, 1:]).all(axis=1) & (photos[:, 1:] != 0.0).any(axis=1)
     enu = frame.enu_from_geodetic(*positions[:, 1:].T)
-    heights = np.interp(pictures[placed, 0], times, positions[:, 3])
-    reported_m = frame.enu_from_geodetic(pictures[placed, 1], pictures[placed, 2], heights)
+    heights = np.interp(photos[placed, 0], times, positions[:, 3])
+    reported_m = frame.enu_from_geodetic(photos[placed, 1], photos[placed, 2], heights)
     off_m = np.full(int(placed.sum()), np.inf)
-    for shift_s in (-LOGS.picture_time_error_s, 0.0, LOGS.picture_time_error_s):
-        flown = np.column_stack([np.interp(pictures[placed, 0] + shift_s, times, enu[:, axis]) for axis in range(2)])
+    for shift_s in (-LOGS.photo_time_error_s, 0.0, LOGS.photo_time_error_s):
+        flown = np.column_stack([np.interp(photos[placed, 0] + shift_s, times, enu[:, axis]) for axis in range(2)])
         off_m = np.minimum(off_m, np.hypot(*(reported_m[:, :2] - flown).T))
-    elsewhere = np.zeros(len(pictures), dtype=bool)
-    elsewhere[placed] = ~(off_m <= LOGS.picture_place_error_m)
+    elsewhere = np.zeros(len(photos), dtype=bool)
+    elsewhere[placed] = ~(off_m <= LOGS.photo_position_error_m)
     if elsewhere.any():
         doubted.append(
-            f"{int(elsewhere.sum())} of {len(pictures)} photos state a position far from the vehicle (up to "
+            f"{int(elsewhere.sum())} of {len(photos)} photos state a position far from the vehicle (up to "
             f"{float(off_m.max()):.0f} m away); they do not count as evidence"
         )
-    at = np.searchsorted(times, pictures[~elsewhere, 0])
+    at = np.searchsorted(times, photos[~elsewhere, 0])
     taken = np.zeros(len(times))
     taken[np.unique(at)] = 1.0
     np.add.at(taken, at, lost[~elsewhere])

@@ -32,7 +32,7 @@ class Case:
 
     scenario: str  # its name
     rule: str  # by which the planners choose
-    asked: float  # fraction of the coverable area at which routes are compared
+    required: float  # fraction of the coverable area at which routes are compared
     most_waypoints: float  # reference point of the hypervolume; its coverage is 0
     longest_m: float  # reference point of the hypervolume, its length
 
@@ -53,7 +53,7 @@ CASES: Final = MappingProxyType(
 """The cases by scenario, in the order in which they are run."""
 
 
-_SAME_PLACE = 1e-6
+_SAME_POSITION = 1e-6
 
 
 class HoldOut:
@@ -84,17 +84,17 @@ class HoldOut:
         """Coverage of the visible ground by an (n, 3) ENU route, 0..1."""
         weight_m2, counts = self.coverage.grid.weight_m2, self._coverable
         whole = float(weight_m2[counts].sum())
-        return float(weight_m2[counts & self.coverage.seen(route_m)].sum()) / whole if whole > 0.0 else 0.0
+        return float(weight_m2[counts & self.coverage.observed(route_m)].sum()) / whole if whole > 0.0 else 0.0
 
     @cached_property
     def _coverable(self) -> BoolArray:
         return self.held_out & self.coverage.coverable
 
 
-def _is_centre(places_m: FloatArray, cell_m: float) -> BoolArray:
+def _is_centre(positions_m: FloatArray, cell_m: float) -> BoolArray:
     """(n,) whether (n, 2) positions, counted from the lattice's corner, are centres of its cells."""
-    at = places_m / cell_m - 0.5
-    return np.asarray((np.abs(at - np.round(at)) < _SAME_PLACE).all(axis=1))
+    at = positions_m / cell_m - 0.5
+    return np.asarray((np.abs(at - np.round(at)) < _SAME_POSITION).all(axis=1))
 
 
 CHOICES = ("rule", "asked", "max-coverage")
@@ -154,16 +154,16 @@ class Judge:
         pareto = pareto_members(members)
         rules = {
             "rule": self.case.rule,
-            "asked": f"coverage>={self.case.asked!r}",
+            "asked": f"coverage>={self.case.required!r}",
             "max-coverage": "max-coverage",
         }
         choices = {name: select(pareto, parse_rule(rule)) for name, rule in rules.items()}
-        shares: dict[int, float] = {}
+        fractions: dict[int, float] = {}
         for choice in choices.values():
-            if choice.index not in shares:
-                shares[choice.index] = self.hold_out(pareto[choice.index])
+            if choice.index not in fractions:
+                fractions[choice.index] = self.hold_out(pareto[choice.index])
         chosen = {
-            name: self._chosen(pareto[choice.index], shares[choice.index], met=choice.met)
+            name: self._chosen(pareto[choice.index], fractions[choice.index], met=choice.met)
             for name, choice in choices.items()
         }
         front = tuple(
@@ -216,7 +216,7 @@ def read_moment(document: dict[str, Any]) -> JudgedMoment:
     )
 
 
-def hypervolume_share(case: Case, front: Sequence[Point], *, from_coverage: float = 0.0) -> float:
+def hypervolume_fraction(case: Case, front: Sequence[Point], *, from_coverage: float = 0.0) -> float:
     """Share 0..1 of the box between the reference point and the ideal one that is dominated.
 
     Ideal: all covered, no waypoint, length 0.

@@ -22,7 +22,7 @@ from uavcover.extras.benchmarks.coverage.judging import (
     Case,
     Chosen,
     JudgedMoment,
-    hypervolume_share,
+    hypervolume_fraction,
     read_moment,
 )
 from uavcover.extras.benchmarks.coverage.runs import (
@@ -72,14 +72,14 @@ class Sample:
 
     def hypervolume(self, *, from_coverage: float = 0.0) -> float:
         """Fraction of the box to the case's reference point that the set dominates."""
-        return hypervolume_share(self.case, self.moment.front, from_coverage=from_coverage)
+        return hypervolume_fraction(self.case, self.moment.front, from_coverage=from_coverage)
 
     def chosen(self, choice: str) -> Chosen | None:
         """The chosen route, None when nothing keeps the limits."""
         return self.moment.chosen.get(choice)
 
     @property
-    def asked_m(self) -> float:
+    def required_m(self) -> float:
         """Length of the shortest route with the coverage asked for; NaN when none has it."""
         chosen = self.chosen("asked")
         return chosen.length_m if chosen is not None and chosen.met else math.nan
@@ -135,7 +135,7 @@ class Outcomes:
 
     def best_baseline_m(self, scenario: str) -> float:
         """Length of the shortest baseline with the coverage asked for; NaN when none has it."""
-        lengths = [sample.asked_m for name in CONSTRUCTIONS for sample in self.ended(scenario, name, "once")]
+        lengths = [sample.required_m for name in CONSTRUCTIONS for sample in self.ended(scenario, name, "once")]
         return min((length for length in lengths if not math.isnan(length)), default=math.nan)
 
     def boustrophedon_m(self, scenario: str, hold_out: float) -> float:
@@ -232,7 +232,7 @@ def draw(outcomes: Outcomes, path: Path) -> Path:
         page, axes = plt.subplots(2, len(scenarios), figsize=(3.1 * len(scenarios) + 0.6, 5.6), squeeze=False)
         for column, scenario in enumerate(scenarios):
             _panel(axes[0, column], outcomes, scenario, lambda sample: sample.hypervolume())
-            _panel(axes[1, column], outcomes, scenario, lambda sample: sample.asked_m)
+            _panel(axes[1, column], outcomes, scenario, lambda sample: sample.required_m)
             axes[0, column].set_title(scenario, fontsize=9)
             axes[1, column].set_xlabel("processor time, s", fontsize=8)
         axes[0, 0].set_ylabel("hypervolume (more is better)", fontsize=8)
@@ -324,7 +324,7 @@ def tables_markdown(outcomes: Outcomes, *, version: str, command: str, date: str
         text = "no baseline has it" if math.isnan(best) else f"the best baseline has it with {best:,.1f}"
         parts += [
             f"## {scenario}\n",
-            f"Required: {100 * case.asked:g} % of the visible ground; {text}. Rule of the planners: `{case.rule}`. Reference "
+            f"Required: {100 * case.required:g} % of the visible ground; {text}. Rule of the planners: `{case.rule}`. Reference "
             f"point: no coverage, {case.most_waypoints:g} waypoints, length {case.longest_m:,.0f}.\n",
             _scenario(outcomes, scenario),
         ]
@@ -373,8 +373,8 @@ def _line(outcomes: Outcomes, scenario: str, name: str, effort: str, samples: Se
         return []
     chosen = [route for sample in samples if (route := sample.chosen("rule")) is not None]
     best = outcomes.best_baseline_m(scenario)
-    asked = known([sample.asked_m for sample in samples])
-    no_worse = sum(is_no_worse(sample.asked_m, best) for sample in samples)
+    required = known([sample.required_m for sample in samples])
+    no_worse = sum(is_no_worse(sample.required_m, best) for sample in samples)
     less = [1.0 - c.length_m / outcomes.boustrophedon_m(scenario, c.hold_out) for c in chosen]
     label = f"**{name}**" if name == OURS else name
     return [
@@ -382,7 +382,7 @@ def _line(outcomes: Outcomes, scenario: str, name: str, effort: str, samples: Se
         _mean([100 * c.coverage for c in chosen], 2, worst=min), _mean([100 * c.hold_out for c in chosen], 2, worst=min),
         _mean([float(c.waypoints) for c in chosen], 1), _mean([c.length_m for c in chosen], 1, worst=max),
         _mean([100 * value for value in known(less)], 1, unit=" %"),
-        f"{_mean(asked, 1)} ({len(asked)}/{len(samples)})" if asked else f"none (0/{len(samples)})",
+        f"{_mean(required, 1)} ({len(required)}/{len(samples)})" if required else f"none (0/{len(samples)})",
         f"{no_worse}/{len(samples)}",
         _mean([sample.hypervolume() for sample in samples], 4),
         _mean([sample.hypervolume(from_coverage=HIGH_COVERAGE) for sample in samples], 4),
@@ -401,8 +401,10 @@ def _counts(outcomes: Outcomes, scenario: str) -> str:
         if samples:
             full = known([sample.fewest_full for sample in samples])
             forty = known([100 * sample.most_with(_FORTY) for sample in samples])
-            seen = f"{_mean(full, 1, worst=max)} ({len(full)}/{len(samples)})" if full else f"none (0/{len(samples)})"
-            lines.append([name, effort, seen, _mean(forty, 2, worst=min)])
+            observed = (
+                f"{_mean(full, 1, worst=max)} ({len(full)}/{len(samples)})" if full else f"none (0/{len(samples)})"
+            )
+            lines.append([name, effort, observed, _mean(forty, 2, worst=min)])
     return (
         markdown(["contender", "effort", "fewest for full coverage", f"most coverage with {_FORTY}, %"], lines) + "\n"
     )

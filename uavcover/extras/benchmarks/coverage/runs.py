@@ -86,7 +86,7 @@ def scan(judge: Judge) -> tuple[list[Tried], list[NamedRoute]]:
     the terrain as well.
     """
     site = judge.site
-    coverages = [judge.case.asked - less for less in _LESS_COVERAGE]
+    coverages = [judge.case.required - less for less in _LESS_COVERAGE]
     coarse = CoverageMap(site, cell_size_m=site.scenario.planning_cell_size_m)
     if site.scenario.sensor.looks_along_path:
         families = _families(site)
@@ -116,9 +116,9 @@ def scan(judge: Judge) -> tuple[list[Tried], list[NamedRoute]]:
 def _tried(coarse: CoverageMap, laid: Sequence[_Laid]) -> list[Tried]:
     """Routes on the planner's cells; the limits are not looked at."""
     return [
-        Tried(family, lines, seen, seen, len(route), route.length_m, 0.0)
+        Tried(family, lines, observed, observed, len(route), route.length_m, 0.0)
         for family, lines, route in laid
-        for seen in [coarse.share_of_coverable(coarse.seen(route.waypoints_m))]
+        for observed in [coarse.fraction_of_coverable(coarse.observed(route.waypoints_m))]
     ]
 
 
@@ -159,7 +159,7 @@ def _closer(site: Site, families: Sequence[_Family]) -> list[_Family]:
 def _flown(site: Site, family: _Family) -> Iterator[_Laid]:
     width = width_across_m(site, family.angle_rad)
     strip = 2.0 * max(site.scenario.sensor.half_width_m(family.height_agl_m), site.scenario.area.cell_size_m)
-    few, many = (max(1, math.ceil(share * width / strip - 1e-9)) for share in (_FEWEST_LINES, _MOST_LINES))
+    few, many = (max(1, math.ceil(fraction * width / strip - 1e-9)) for fraction in (_FEWEST_LINES, _MOST_LINES))
     for lines in range(few, many + 1):
         layout = regular_layout(
             angle_rad=family.angle_rad, lines=lines, height_agl_m=family.height_agl_m, inset=family.inset,
@@ -170,7 +170,7 @@ def _flown(site: Site, family: _Family) -> Iterator[_Laid]:
 
 def _rows(site: Site) -> Iterator[_Laid]:
     for rows in scanned_rows(site, most_nodes=_MOST_NODES):
-        family = f"{rows.columns} columns, stagger {rows.stagger:g}, height share {rows.height_share:g}"
+        family = f"{rows.columns} columns, stagger {rows.stagger:g}, height share {rows.height_fraction:g}"
         yield family, rows.rows, fly_rows(site, rows)
 
 
@@ -186,8 +186,8 @@ def length_at(tried: Sequence[Tried], hold_out: float) -> float:
         found += [one.length_m for one in family if one.hold_out >= hold_out]
         for few, many in pairwise(family):
             if few.hold_out < hold_out < many.hold_out and many.lines == few.lines + 1:
-                share = (hold_out - few.hold_out) / (many.hold_out - few.hold_out)
-                found.append(few.length_m + share * (many.length_m - few.length_m))
+                fraction = (hold_out - few.hold_out) / (many.hold_out - few.hold_out)
+                found.append(few.length_m + fraction * (many.length_m - few.length_m))
     return min(found, default=math.nan)
 
 
@@ -267,7 +267,7 @@ def _constructed(name: InitialRoute) -> Callable[[Judge], Found]:
         settings = dataclasses.replace(site.scenario.planner, initial=(name,), seed=1)
         begin = time.process_time()
         made = constructed_routes(
-            coarse, settings, asked=judge.case.asked, executor=None, left_s=lambda: math.inf
+            coarse, settings, required=judge.case.required, executor=None, left_s=lambda: math.inf
         )  # fmt: skip
         cpu_s = time.process_time() - begin
         # Plain lines are made besides where they are the encoding; here they are a baseline of their own.

@@ -60,16 +60,16 @@ def solve(problem: MmfProblem, algorithm: str, *, seed: int, budget: Budget) -> 
     return x, problem.evaluate(x)
 
 
-def contender_names(asked: Iterable[str] = ()) -> list[str]:
+def contender_names(requested: Iterable[str] = ()) -> list[str]:
     """Every contender by name, in the order of the tables: ours, other classes by name, the floor.
 
     Args:
-        asked: names; those of the form ``module:Class`` are added.
+        requested: names; those of the form ``module:Class`` are added.
 
     Raises:
         OptimizerError: one is no optimizer.
     """
-    others = sorted({name for name in asked if ":" in name})
+    others = sorted({name for name in requested if ":" in name})
     for name in others:
         optimizer_class(name)
     return table_order([*CONTENDERS, *others])
@@ -128,7 +128,7 @@ def _weighted_dbo(problem: MmfProblem, seed: int, budget: Budget) -> FloatArray:
 
     The budget is shared evenly: with 100,000 evaluations and 200 solutions 20 rounds of 25 beetles for each sum.
     """
-    share = max(1, budget.population * budget.iterations // budget.archive)
+    fraction = max(1, budget.population * budget.iterations // budget.archive)
     beetles = max(DBO.smallest_population, min(25, budget.population))
     seeds = np.random.SeedSequence(seed).spawn(budget.archive)
     found = []
@@ -138,7 +138,7 @@ def _weighted_dbo(problem: MmfProblem, seed: int, budget: Budget) -> FloatArray:
             problem.upper,
             n_objectives=1,
             population_size=beetles,
-            max_iterations=max(1, share // beetles),
+            max_iterations=max(1, fraction // beetles),
             seed=one_seed,
         )
         while not dbo.should_stop:

@@ -57,18 +57,18 @@ def _touches(corners: NDArray[np.float64], number: int, de: float, dn: float) ->
 def _shortest_over(
     walls: ObstaclePrisms, corners: NDArray[np.float64], a: tuple[float, float], b: tuple[float, float]
 ) -> tuple[NDArray[np.int64], float]:
-    """:func:`shortest_way` over some corners, and its length; infinite without one."""
+    """:func:`shortest_path` over some corners, and its length; infinite without one."""
     n = corners.shape[0]
     to_goal = np.empty(n)
     ends_there = np.zeros(n, dtype=np.bool_)
-    sees_goal = False
+    goal_visible = False
     for k in range(n):
         e, north = corners[k, 0], corners[k, 1]
         to_goal[k] = math.hypot(b[0] - e, b[1] - north)
         ends_there[k] = _touches(corners, k, b[0] - e, b[1] - north)
-        sees_goal = sees_goal or (ends_there[k] and _is_clear(walls, e, north, b[0], b[1]))
+        goal_visible = goal_visible or (ends_there[k] and _is_clear(walls, e, north, b[0], b[1]))
     before = np.full(n + 1, -2)
-    if not sees_goal:
+    if not goal_visible:
         return before[:0], math.inf
     queue: list[tuple[float, float, int, int]] = [(math.hypot(b[0] - a[0], b[1] - a[1]), 0.0, n, -1)]
     for k in range(n):
@@ -91,8 +91,8 @@ def _shortest_over(
             whole = length
             break
         if ends_there[k]:
-            whole_way = length + float(to_goal[k])
-            heapq.heappush(queue, (whole_way, whole_way, n, k))
+            whole_path = length + float(to_goal[k])
+            heapq.heappush(queue, (whole_path, whole_path, n, k))
         for other in range(n):
             if before[other] != -2:
                 continue
@@ -103,16 +103,16 @@ def _shortest_over(
     count, at = 0, int(before[n])
     while at >= 0:
         count, at = count + 1, int(before[at])
-    way = np.empty(count, dtype=np.int64)
+    path = np.empty(count, dtype=np.int64)
     at = int(before[n])
     while at >= 0:
         count -= 1
-        way[count], at = at, int(before[at])
-    return way, whole
+        path[count], at = at, int(before[at])
+    return path, whole
 
 
 @allocating_kernel
-def shortest_way(
+def shortest_path(
     walls: ObstaclePrisms, corners: NDArray[np.float64], a: tuple[float, float], b: tuple[float, float]
 ) -> NDArray[np.int64]:
     """Numbers of the corners on the shortest path from a to b; empty for a straight one, and without one.
@@ -132,7 +132,7 @@ def shortest_way(
     while True:
         # A path that is not longer leads over none of the other corners.
         numbers = np.flatnonzero(through <= most)
-        way, length = _shortest_over(walls, corners[numbers], a, b)
+        path, length = _shortest_over(walls, corners[numbers], a, b)
         if length <= most or numbers.size == through.size:
-            return numbers[way]
+            return numbers[path]
         most *= 2.0

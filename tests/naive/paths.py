@@ -1,4 +1,4 @@
-"""Slow, obvious twin of :mod:`uavcover.kernels.shortest_way`: all ways over all corners, by shapely and Dijkstra."""
+"""Slow, obvious twin of :mod:`uavcover.kernels.shortest_path`: all paths over all corners, by shapely and Dijkstra."""
 
 import itertools
 

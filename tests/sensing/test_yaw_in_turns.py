@@ -1,4 +1,4 @@
-"""What a camera sees while the nose turns at a limited rate (the turning itself: tests/kernels/test_turning_nose.py)."""
+"""What a camera sees while the nose turns at a limited rate (the turning itself: tests/kernels/test_yaw_in_turns.py)."""
 
 import dataclasses
 import math
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.kernels.test_turning_nose import courses_deg, off_deg
+from tests.kernels.test_yaw_in_turns import courses_deg, off_deg
 from tests.planner.sites import make_site
 from tests.terrain_kinds import write_scenario
 from uavcover.model.sensor import FrameCamera
@@ -39,10 +39,10 @@ def test_a_short_leg_back_is_not_seen_along() -> None:
     assert turned[1] == pytest.approx(0.5 * 20.0 * 1.51**2, abs=1.0)
     assert turned[2] == pytest.approx(180.0)
     fine = judging_map(site)
-    behind = fine.seen(far) & ~fine.seen(there)
+    behind = fine.observed(far) & ~fine.observed(there)
     assert behind.sum() > 50
-    assert (fine.seen(short) & behind).sum() < 0.1 * behind.sum()
-    assert (fine.seen(longer) & behind).sum() < 0.75 * behind.sum()
+    assert (fine.observed(short) & behind).sum() < 0.1 * behind.sum()
+    assert (fine.observed(longer) & behind).sum() < 0.75 * behind.sum()
 
 
 def test_legs_inside_the_radius_of_px4_do_not_turn_the_nose() -> None:
@@ -61,21 +61,23 @@ def test_lines_of_sensors_that_do_not_turn_have_no_more_places(autopilot: Autopi
     turns = make_site(home=(-100.0, 50.0), sensor=FORWARD, vehicle={"autopilot": autopilot})
     for one in (down, fixed):
         line = line_flown(one, route)
-        assert len(line.places_m) < len(line_flown(turns, route).places_m)
+        assert len(line.positions_m) < len(line_flown(turns, route).positions_m)
         if autopilot == "px4":
-            np.testing.assert_array_equal(line.places_m[:-1], route[:-1])
-            np.testing.assert_array_equal(line.headings, np.diff(line.places_m[:, :2], axis=0))
+            np.testing.assert_array_equal(line.positions_m[:-1], route[:-1])
+            np.testing.assert_array_equal(line.headings, np.diff(line.positions_m[:, :2], axis=0))
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_the_line_itself_and_its_ends_stay_where_they_are(autopilot: AutopilotName) -> None:
     route = np.array([[0.0, 50.0, 60.0], [60.0, 50.0, 60.0], [20.0, 55.0, 60.0], [0.0, 0.0, 60.0]])
-    down = line_flown(make_site(home=(-100.0, 50.0), vehicle={"autopilot": autopilot}), route).places_m
+    down = line_flown(make_site(home=(-100.0, 50.0), vehicle={"autopilot": autopilot}), route).positions_m
     turning_line = line_flown(make_site(home=(-100.0, 50.0), sensor=FORWARD, vehicle={"autopilot": autopilot}), route)
-    np.testing.assert_array_equal(turning_line.places_m[[0, -1]], down[[0, -1]])
-    length_m = np.linalg.norm(np.diff(turning_line.places_m, axis=0), axis=1).sum()
+    np.testing.assert_array_equal(turning_line.positions_m[[0, -1]], down[[0, -1]])
+    length_m = np.linalg.norm(np.diff(turning_line.positions_m, axis=0), axis=1).sum()
     assert length_m == pytest.approx(np.linalg.norm(np.diff(down, axis=0), axis=1).sum())
-    assert {tuple(place) for place in down.tolist()} <= {tuple(place) for place in turning_line.places_m.tolist()}
+    assert {tuple(position) for position in down.tolist()} <= {
+        tuple(position) for position in turning_line.positions_m.tolist()
+    }
 
 
 def test_pictures_by_distance_have_the_headings_of_their_pieces(tmp_path: Path) -> None:
@@ -84,16 +86,16 @@ def test_pictures_by_distance_have_the_headings_of_their_pieces(tmp_path: Path) 
     site = dataclasses.replace(site, scenario=dataclasses.replace(site.scenario, vehicle=px4))
     route = np.array([[0.0, 0.0, 84.0], [100.0, 0.0, 84.0], [0.0, 3.0, 84.0]])
     line, looks = line_flown(site, route), judging_map(site).flown_observations(route)
-    corner = int(np.argmin(np.linalg.norm(line.places_m - route[1], axis=1)))
-    assert math.dist(line.places_m[corner + 1], route[1]) < 1.0
-    ends_m = np.cumsum(np.linalg.norm(np.diff(line.places_m, axis=0), axis=1))
-    for place, heading in zip(looks.places_m[1:], looks.headings[1:], strict=True):
+    corner = int(np.argmin(np.linalg.norm(line.positions_m - route[1], axis=1)))
+    assert math.dist(line.positions_m[corner + 1], route[1]) < 1.0
+    ends_m = np.cumsum(np.linalg.norm(np.diff(line.positions_m, axis=0), axis=1))
+    for position, heading in zip(looks.positions_m[1:], looks.headings[1:], strict=True):
         near = [k for k, each in enumerate(line.headings) if np.array_equal(each, heading)]
-        off_m = [_from_piece_m(place, line.places_m[k], line.places_m[k + 1]) for k in near]
+        off_m = [_from_piece_m(position, line.positions_m[k], line.positions_m[k + 1]) for k in near]
         assert min(off_m) < 1e-6
     assert len(ends_m) > len(route)
 
 
-def _from_piece_m(place: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
-    share = np.clip((place - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
-    return float(np.linalg.norm(a + share * (b - a) - place))
+def _from_piece_m(position: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
+    fraction = np.clip((position - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
+    return float(np.linalg.norm(a + fraction * (b - a) - position))

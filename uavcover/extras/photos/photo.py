@@ -36,7 +36,7 @@ class HeightDatum(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Picture:
+class Photo:
     """Metadata of a photo; unknown values are None."""
 
     name: str  # of its file, or of its row
@@ -159,7 +159,7 @@ class _Unheard(Unattended):
 
 def survey_as_flown(
     area: NewRequest,  # the required coverage, and other options of the user
-    pictures: Sequence[Picture],  # of the flight; may be none where a camera was named
+    photos: Sequence[Photo],  # of the flight; may be none where a camera was named
     height_agl_m: Callable[[Site], float],  # the height above ground at which a site's flight was flown
     user: User,  # receives notes on the survey
     *,
@@ -173,7 +173,7 @@ def survey_as_flown(
         InputError: no camera is known, or something else is missing; the flight was not above the ground.
     """
     if area.camera is None:
-        body, name, others = _camera_of(pictures, out)
+        body, name, others = _camera_of(photos, out)
         area = replace(area, camera=name)
         user.say(f"{'camera':18}{body}, from the photo metadata; saved in {name}")
         if others:
@@ -182,7 +182,7 @@ def survey_as_flown(
                 f"({', '.join(sorted(others))}) and not counted; judge each camera separately, with --camera and its photos"
             )
     camera = CAMERAS.named(str(area.camera))
-    _compare_lens(camera, pictures, user)
+    _compare_lens(camera, photos, user)
     gsd_m = _FIRST_HEIGHT_M / camera.focal_px
     wants_home = area.home is None and take_off is not None
     if area.gsd is None or wants_home:
@@ -204,9 +204,9 @@ def _gsd_text(gsd_m: float) -> str:
     return f"{math.ceil(1000.0 * 100.0 * gsd_m) / 1000.0:g}cm"
 
 
-def _camera_of(pictures: Sequence[Picture], out: RunFolder) -> tuple[str, str, Counter[str]]:
+def _camera_of(photos: Sequence[Photo], out: RunFolder) -> tuple[str, str, Counter[str]]:
     """A camera file from the photos' metadata; its title, its path, and the number of photos from other cameras."""
-    telling = [p for p in pictures if p.focal_length_mm and p.focal_length_35mm and p.pixels]
+    telling = [p for p in photos if p.focal_length_mm and p.focal_length_35mm and p.pixels]
     if not telling:
         raise InputError(
             "the photos do not describe their camera (focal length, 35 mm equivalent, pixels): specify --camera NAME "
@@ -214,7 +214,7 @@ def _camera_of(pictures: Sequence[Picture], out: RunFolder) -> tuple[str, str, C
         )
     kinds = Counter((p.focal_length_mm, p.focal_length_35mm, p.pixels, p.camera) for p in telling)
     (focal_mm, film_mm, pixels, title), _ = kinds.most_common(1)[0]
-    others = Counter(p.camera for p in pictures if p.camera not in (None, title))
+    others = Counter(p.camera for p in photos if p.camera not in (None, title))
     if focal_mm is None or film_mm is None or pixels is None:
         raise InputError("the photos do not describe their camera; specify --camera")
     diagonal_mm = FILM_DIAGONAL_MM * focal_mm / film_mm
@@ -239,9 +239,9 @@ def _quoted(text: str) -> str:
     return json.dumps("".join(letter for letter in text if letter.isprintable()))
 
 
-def _compare_lens(camera: CameraBody, pictures: Sequence[Picture], user: User) -> None:
+def _compare_lens(camera: CameraBody, photos: Sequence[Photo], user: User) -> None:
     """Warn of a camera whose field of view contradicts the photos."""
-    films_mm = [p.focal_length_35mm for p in pictures if p.focal_length_35mm]
+    films_mm = [p.focal_length_35mm for p in photos if p.focal_length_35mm]
     if not films_mm:
         return
     film_mm = float(np.median(films_mm))

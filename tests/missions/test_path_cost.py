@@ -9,10 +9,10 @@ import pytest
 from tests.planner.sites import make_site, ridge, with_scenario
 from uavcover.errors import InputError
 from uavcover.kernels.flight_time import BLENDED, BRAKED
-from uavcover.kernels.way_cost import ENERGY, LENGTH, NO_DETOURS, TIME, route_cost
+from uavcover.kernels.path_cost import ENERGY, LENGTH, NO_DETOURS, TIME, route_cost
 from uavcover.missions.mission_compiler import compile_mission
 from uavcover.missions.objectives import mission_cost
-from uavcover.missions.way_cost import FlightEnergy, detours, mission_cost_of, power_of, way_cost_of
+from uavcover.missions.path_cost import FlightEnergy, detours, mission_cost_of, path_cost_of, power_of
 from uavcover.model.limits import NoFly
 from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
@@ -38,24 +38,24 @@ def test_a_wind_from_the_west_blows_to_the_east() -> None:
 
 
 def test_objective_and_middle_of_the_band() -> None:
-    assert way_cost_of(make_site(planner={"objective": "length"})).unit == LENGTH
-    assert way_cost_of(load_site("paper-R2")).unit == LENGTH, "no home, no mission"
-    mission = way_cost_of(make_site(vehicle={"takeoff_height_m": 45.0}))
-    assert (mission.unit, mission.mission, mission.column_m, mission.stop_at_first) == (TIME, 1, 45.0, 0)
-    assert mission.column_top == (-100.0, 50.0, 45.0), "above home"
+    assert path_cost_of(make_site(planner={"objective": "length"})).unit == LENGTH
+    assert path_cost_of(load_site("paper-R2")).unit == LENGTH, "no home, no mission"
+    mission = path_cost_of(make_site(vehicle={"takeoff_height_m": 45.0}))
+    assert (mission.unit, mission.mission, mission.climb_out_m, mission.stop_at_first) == (TIME, 1, 45.0, 0)
+    assert mission.climb_out_top == (-100.0, 50.0, 45.0), "above home"
     with pytest.raises(InputError, match=r"\[home\]"):
         mission_cost_of(load_site("paper-R2"))
-    frugal = way_cost_of(make_site(planner={"objective": "energy"}, vehicle={"takeoff_height_m": 45.0}))
-    assert (frugal.unit, frugal.mission, frugal.column_m) == (ENERGY, 1, 45.0)
+    frugal = path_cost_of(make_site(planner={"objective": "energy"}, vehicle={"takeoff_height_m": 45.0}))
+    assert (frugal.unit, frugal.mission, frugal.climb_out_m) == (ENERGY, 1, 45.0)
     assert frugal.power == power_of(Vehicle())
-    timed = way_cost_of(make_site(planner={"objective": "flight-time", "band_deviation_price": 0.5}))
+    timed = path_cost_of(make_site(planner={"objective": "flight-time", "band_deviation_price": 0.5}))
     assert timed.mission == 0
     assert (timed.unit, timed.deviation_price, timed.middle_agl_m) == (TIME, 0.5, 80.0)
 
 
 def test_a_flat_ground_has_next_to_no_detours() -> None:
     assert detours(make_site()).more.max() < 0.6, "a steep transit begins higher"
-    assert way_cost_of(make_site(planner={"objective": "flight-time"})).detours is NO_DETOURS
+    assert path_cost_of(make_site(planner={"objective": "flight-time"})).detours is NO_DETOURS
 
 
 def test_where_no_transit_is_low_enough_few_are_tried() -> None:
@@ -77,14 +77,14 @@ ZONE = NoFly(polygon_east_north_m=((-60.0, -100.0), (-20.0, -100.0), (-20.0, 190
 )
 def test_the_search_counts_missions_along_their_transits(site: Site) -> None:
     """Over a ridge and around a zone, against the mission's cost along its transits."""
-    rng, way, errors_s = np.random.default_rng(5), way_cost_of(site), []
+    rng, path_cost, errors_s = np.random.default_rng(5), path_cost_of(site), []
     for _ in range(30):
-        places_m = rng.uniform([0.0, 0.0], [300.0, 200.0], (3, 2))
-        route = Route(np.column_stack([places_m, site.ground.ups_m(places_m, rng.uniform(40.0, 120.0, 3))]))
-        cost, price = mission_cost(site, route), len(route) * way.waypoint_price
+        positions_m = rng.uniform([0.0, 0.0], [300.0, 200.0], (3, 2))
+        route = Route(np.column_stack([positions_m, site.ground.ups_m(positions_m, rng.uniform(40.0, 120.0, 3))]))
+        cost, price = mission_cost(site, route), len(route) * path_cost.waypoint_price
         real_s = cost.energy_hover_s if site.scenario.objective == "energy" else cost.time_s
-        ways = way, way._replace(detours=NO_DETOURS)
-        errors_s.append([route_cost(site.ground.surface, each, route.waypoints_m) - price - real_s for each in ways])
+        paths = path_cost, path_cost._replace(detours=NO_DETOURS)
+        errors_s.append([route_cost(site.ground.surface, each, route.waypoints_m) - price - real_s for each in paths])
     counted_s, straight_s = np.abs(errors_s).mean(axis=0)
     assert counted_s < 0.1 * straight_s
     assert straight_s > 10.0
@@ -139,19 +139,19 @@ def test_straight_flights_are_what_each_path_uses(count: int, stop_at_first: int
         wind=Wind(speed_m_s=4.0, from_deg=250.0),
     )  # fmt: skip
     energy, route = FlightEnergy(site), ROUTE[:count]
-    way = mission_cost_of(site)._replace(stop_at_first=stop_at_first)
-    found = energy.straight_flights(way, route)
-    height_m = float(way.column_m)
-    top, up, down = np.array(way.column_top), energy.takeoff_s(height_m), energy.landing_s(height_m)
-    for k, place in enumerate(route):
+    path_cost = mission_cost_of(site)._replace(stop_at_first=stop_at_first)
+    found = energy.straight_flights(path_cost, route)
+    height_m = float(path_cost.climb_out_m)
+    top, up, down = np.array(path_cost.climb_out_top), energy.takeoff_s(height_m), energy.landing_s(height_m)
+    for k, position in enumerate(route):
 
-        def used(*places: np.ndarray) -> np.ndarray:
-            return energy.path_s(np.array(places))
+        def used(*positions: np.ndarray) -> np.ndarray:
+            return energy.path_s(np.array(positions))
 
-        def turning(before: np.ndarray, after: np.ndarray, at: np.ndarray = place) -> np.ndarray:
+        def turning(before: np.ndarray, after: np.ndarray, at: np.ndarray = position) -> np.ndarray:
             return used(before, at, after) - used(before, at) - used(at, after)
 
-        there, home = up + used(top, place), used(place, top) + down
+        there, home = up + used(top, position), used(position, top) + down
         alone = there + home + (turning(top, top) if stop_at_first == 0 else 0.0)
         if stop_at_first == 0 and k < count - 1:
             there = there + turning(top, route[k + 1])

@@ -8,10 +8,16 @@ import numpy as np
 
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.kernels.energy import Power, column_energies, landing_energy, path_energies, star_energies, takeoff_energy
+from uavcover.kernels.energy import (
+    Power,
+    landing_energy,
+    path_energies,
+    star_energies,
+    takeoff_energy,
+    vertical_energies,
+)
 from uavcover.kernels.flight_time import landing_time, takeoff_time
-from uavcover.kernels.sight import horizontal_reach
-from uavcover.kernels.way_cost import (
+from uavcover.kernels.path_cost import (
     ENERGY,
     LENGTH,
     NO_DETOURS,
@@ -19,16 +25,17 @@ from uavcover.kernels.way_cost import (
     TIME,
     Detours,
     FlightEnergies,
-    WayCost,
+    PathCost,
     leg_cost,
     turn_cost,
 )
+from uavcover.kernels.sight import horizontal_reach
 from uavcover.missions.transit import is_too_high, transit
 from uavcover.model.vehicle import AutopilotName, Vehicle, Wind
 from uavcover.scenario.site import Site, once
 from uavcover.scenario.vehicles import pace_of
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.sensors import trigger_distance_m, whatever_heading
+from uavcover.sensing.sensors import any_heading, trigger_distance_m
 
 
 def power_of(vehicle: Vehicle, *, gust_m_s: float = 0.0) -> Power:
@@ -66,13 +73,13 @@ def waypoint_price_of(site: Site) -> float:
     return price_m if scenario.objective == "length" else price_m / scenario.vehicle.cruise_speed_m_s
 
 
-def way_cost_of(site: Site) -> WayCost:
+def path_cost_of(site: Site) -> PathCost:
     """The cost that the planner minimises beside coverage and the number of waypoints."""
     planner, limits = site.scenario.planner, site.scenario.limits
     objective = site.scenario.objective
     whole = objective in {"mission-time", "energy"}
-    way = mission_cost_of(site) if whole else WayCost(LENGTH, pace_of(site), 0.0, 0.0)
-    return way._replace(
+    path_cost = mission_cost_of(site) if whole else PathCost(LENGTH, pace_of(site), 0.0, 0.0)
+    return path_cost._replace(
         unit={"length": LENGTH, "energy": ENERGY}.get(objective, TIME),
         deviation_price=planner.band_deviation_price,
         middle_agl_m=0.5 * (limits.min_height_agl_m + limits.max_height_agl_m),
@@ -101,22 +108,24 @@ def detours(site: Site) -> Detours:
 
 def _lattice_of_detours(site: Site, count: int) -> tuple[Detours, bool]:
     """The costs, and whether it takes long to find them."""
-    way, home = mission_cost_of(site), np.asarray(site.home_m)
-    way = way._replace(unit=ENERGY if site.scenario.objective == "energy" else TIME)
+    path_cost, home = mission_cost_of(site), np.asarray(site.home_m)
+    path_cost = path_cost._replace(unit=ENERGY if site.scenario.objective == "energy" else TIME)
     west, south, east, north = site.area.bounds
-    places = np.meshgrid(np.linspace(west, east, count), np.linspace(south, north, count))
-    places_m = np.column_stack([axis.ravel() for axis in places])
+    positions = np.meshgrid(np.linspace(west, east, count), np.linspace(south, north, count))
+    positions_m = np.column_stack([axis.ravel() for axis in positions])
     heights_agl_m = _ends_of_band_m(site)
     more, too_high = np.zeros((count * count, 4)), 0
     for level, agl_m in enumerate(heights_agl_m):
-        ups_m = site.ground.ups_m(places_m, agl_m)
+        ups_m = site.ground.ups_m(positions_m, agl_m)
         for k in np.flatnonzero(np.isfinite(ups_m)):
-            end_m = np.array([*places_m[k], ups_m[k]])
+            end_m = np.array([*positions_m[k], ups_m[k]])
             flown_m = transit(site, home[:2], end_m, ground_end_height_m=site.scenario.vehicle.takeoff_height_m)
             too_high += is_too_high(site, flown_m)
-            straight_m = np.array([way.column_top, end_m])
+            straight_m = np.array([path_cost.climb_out_top, end_m])
             for column, direction in ((2 * level, 1), (2 * level + 1, -1)):
-                flown, straight = (_transit_cost(way, home, line_m, direction) for line_m in (flown_m, straight_m))
+                flown, straight = (
+                    _transit_cost(path_cost, home, line_m, direction) for line_m in (flown_m, straight_m)
+                )
                 more[k, column] = flown - straight
     more[~np.isfinite(more)] = 0.0
     lattice = more.reshape(count, count, 4)
@@ -133,31 +142,33 @@ def _ends_of_band_m(site: Site) -> tuple[float, float]:
     return low_m, max(limits.max_height_agl_m - limits.height_margin_m, low_m + 1e-3)
 
 
-def _transit_cost(way: WayCost, home_m: FloatArray, line_m: FloatArray, direction: int) -> float:
+def _transit_cost(path_cost: PathCost, home_m: FloatArray, line_m: FloatArray, direction: int) -> float:
     """Cost along a (k, 3) line from above home, with take-off, or against its direction (-1), with landing."""
-    column_m, places = float(line_m[0, 2] - home_m[2]), [tuple(place) for place in line_m[::direction].tolist()]
-    legs = sum(leg_cost(way, p, q) for p, q in itertools.pairwise(places))
-    turns = sum(turn_cost(way, *three) for three in zip(places, places[1:], places[2:], strict=False))
-    if way.unit == ENERGY:
-        column = (takeoff_energy if direction > 0 else landing_energy)(way.power, way.pace, column_m)
+    climb_out_m, positions = (
+        float(line_m[0, 2] - home_m[2]), [tuple(position) for position in line_m[::direction].tolist()],
+    )  # fmt: skip
+    legs = sum(leg_cost(path_cost, p, q) for p, q in itertools.pairwise(positions))
+    turns = sum(turn_cost(path_cost, *three) for three in zip(positions, positions[1:], positions[2:], strict=False))
+    if path_cost.unit == ENERGY:
+        column = (takeoff_energy if direction > 0 else landing_energy)(path_cost.power, path_cost.pace, climb_out_m)
     else:
-        column = (takeoff_time if direction > 0 else landing_time)(way.pace, column_m)
+        column = (takeoff_time if direction > 0 else landing_time)(path_cost.pace, climb_out_m)
     return float(legs + turns + column)
 
 
-def mission_cost_of(site: Site) -> WayCost:
+def mission_cost_of(site: Site) -> PathCost:
     """Time and energy of the whole mission of a site with a home, by straight transits."""
     vehicle, home = site.scenario.vehicle, site.home_m
     if home is None:
         raise InputError(f"scenario {site.scenario.name} has no [home], so the flight time of a mission is unknown")
-    return WayCost(
+    return PathCost(
         unit=TIME,
         pace=pace_of(site),
         deviation_price=0.0,
         middle_agl_m=0.0,
         mission=1,
-        column_top=(float(home[0]), float(home[1]), float(home[2]) + vehicle.takeoff_height_m),
-        column_m=vehicle.takeoff_height_m,
+        climb_out_top=(float(home[0]), float(home[1]), float(home[2]) + vehicle.takeoff_height_m),
+        climb_out_m=vehicle.takeoff_height_m,
         power=power_of(vehicle, gust_m_s=site.scenario.wind.gust_m_s),
         stop_at_first=0 if trigger_distance_m(site.scenario) is None else 1,
     )
@@ -198,11 +209,11 @@ class FlightEnergy:
 
     def takeoff_s(self, height_m: float) -> FloatArray:
         """(w,) from the ground straight up to rest at a height."""
-        return np.asarray(column_energies(self._power, self._pace, self.winds_m_s, float(height_m))[0])
+        return np.asarray(vertical_energies(self._power, self._pace, self.winds_m_s, float(height_m))[0])
 
     def landing_s(self, height_m: float) -> FloatArray:
         """(w,) from rest at a height straight down to the ground."""
-        return np.asarray(column_energies(self._power, self._pace, self.winds_m_s, float(height_m))[1])
+        return np.asarray(vertical_energies(self._power, self._pace, self.winds_m_s, float(height_m))[1])
 
     def legs_and_turns_s(self, path_m: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(w, n - 1) hovering seconds of the legs of an (n, 3) path from rest to rest, and (w, n) of passing its waypoints."""
@@ -243,14 +254,14 @@ class FlightEnergy:
             usable_s=usable_s(vehicle),
         )
 
-    def straight_flights(self, way: WayCost, route_m: FloatArray) -> FlightEnergies:
+    def straight_flights(self, path_cost: PathCost, route_m: FloatArray) -> FlightEnergies:
         """Energy of the flights along parts of an (n, 3) route with straight transits."""
-        out, back = star_energies(self._power, self._pace, self.winds_m_s, way.column_top, route_m)
-        up, down = column_energies(self._power, self._pace, self.winds_m_s, way.column_m)
+        out, back = star_energies(self._power, self._pace, self.winds_m_s, path_cost.climb_out_top, route_m)
+        up, down = vertical_energies(self._power, self._pace, self.winds_m_s, path_cost.climb_out_m)
         there, home = out + up[:, None], back + down[:, None]
-        alone, n, top = there + home, len(route_m), np.array(way.column_top)
+        alone, n, top = there + home, len(route_m), np.array(path_cost.climb_out_top)
         tops = np.broadcast_to(top, (n, 3))
-        if way.stop_at_first == 0:
+        if path_cost.stop_at_first == 0:
             alone += self._turns_s(tops, route_m, tops)
             there[:, :-1] += self._turns_s(tops[1:], route_m[:-1], route_m[1:])
         home[:, 1:] += self._turns_s(route_m[:-1], route_m[1:], tops[1:])
@@ -275,7 +286,7 @@ def battery_used_s(energy: FlightEnergy, begin_s: FloatArray, path_m: FloatArray
     return float((begin_s + energy.path_s(path_m) + energy.landing_s(path_m[-1, 2] - home_m[2])).max())
 
 
-def longest_flight_in_words(vehicle: Vehicle) -> str:
+def longest_flight_text(vehicle: Vehicle) -> str:
     """The limit that a flight is held against, as messages tell it."""
     load = f" ({vehicle.hover_s:.0f} s with the payload)" if vehicle.hover_s and vehicle.power.payload_kg else ""
     return (
@@ -284,7 +295,7 @@ def longest_flight_in_words(vehicle: Vehicle) -> str:
     )
 
 
-def battery_in_words(site: Site, used_s: float) -> str:
+def battery_text(site: Site, used_s: float) -> str:
     """Battery fraction that ``used_s`` seconds of hovering take, the wind, and the allowed fraction, as text."""
     vehicle, wind = site.scenario.vehicle, site.scenario.wind
     hover_s, strongest_m_s = vehicle.hover_s or math.inf, max(wind.speed_m_s, wind.most_m_s or 0.0)
@@ -329,17 +340,17 @@ def check_reach(sites: Sequence[Site], coverage: CoverageMap, required: float | 
         vehicle, pace, home = each.scenario.vehicle, pace_of(each), each.home_m
         if home is None or vehicle.longest_flight_s is None:
             continue
-        away_m = np.hypot(*(centres_m - home[:2]).T) - horizontal_reach(whatever_heading(coverage.sight))
-        column_s = takeoff_time(pace, vehicle.takeoff_height_m) + landing_time(pace, vehicle.takeoff_height_m)
-        seconds = column_s + 2.0 * np.maximum(away_m, 0.0) / vehicle.cruise_speed_m_s
+        away_m = np.hypot(*(centres_m - home[:2]).T) - horizontal_reach(any_heading(coverage.sight))
+        vertical_s = takeoff_time(pace, vehicle.takeoff_height_m) + landing_time(pace, vehicle.takeoff_height_m)
+        seconds = vertical_s + 2.0 * np.maximum(away_m, 0.0) / vehicle.cruise_speed_m_s
         least_s = np.minimum(least_s, seconds)
         room_s = np.maximum(room_s, vehicle.longest_flight_s - seconds)
-    share = float(weight_m2[room_s >= 0.0].sum() / weight_m2.sum())
-    if share > 0.0 and share >= (required or 0.0):
+    fraction = float(weight_m2[room_s >= 0.0].sum() / weight_m2.sum())
+    if fraction > 0.0 and fraction >= (required or 0.0):
         return
     raise InfeasibleError(
-        f"flights from [home] reach only {share:.0%} of the visible ground, but {required or 1.0:.0%} is required: a "
+        f"flights from [home] reach only {fraction:.0%} of the visible ground, but {required or 1.0:.0%} is required: a "
         f"flight to the farthest cells takes at least {least_s.max():.0f} s, but "
-        f"{longest_flight_in_words(site.scenario.vehicle)}; move [home] nearer, plan a smaller area, or require less "
+        f"{longest_flight_text(site.scenario.vehicle)}; move [home] nearer, plan a smaller area, or require less "
         "coverage (--select)"
     )

@@ -18,10 +18,10 @@ from uavcover.model.sensor import FrameCamera
 from uavcover.report.content import ReportContent, read_run
 from uavcover.report.map_data import (
     NOT_COVERABLE_RGB,
+    OBSERVED_RGB,
     POSSIBLE_RGB,
-    SEEN_RGB,
     SURE_RGB,
-    UNSEEN_RGB,
+    UNOBSERVED_RGB,
     cell_layers,
     map_data,
 )
@@ -49,9 +49,9 @@ def survey(request: pytest.FixtureRequest, surveyed: Site, tmp_path_factory: pyt
 
 def test_the_layers_have_every_cell_in_the_colour_of_its_pictures(survey: ReportContent) -> None:
     layers = {layer.key: layer for layer in cell_layers(survey)}
-    counts = {"planned": survey.planned_view.pictures}
+    counts = {"planned": survey.planned_view.photos}
     if survey.verdict is not None:
-        counts["flown"] = survey.verdict.pictures
+        counts["flown"] = survey.verdict.photos
     else:
         assert list(layers) == ["planned-coverage", "pictures-planned", "sample-planned"]
     cells = survey.coverage.grid.cells
@@ -59,28 +59,28 @@ def test_the_layers_have_every_cell_in_the_colour_of_its_pictures(survey: Report
     for which, found in counts.items():
         assert found is not None
         image = pixels(layers[f"pictures-{which}"].image)[::-1][row, column, :3]
-        pictures = found.pictures[cells.lattice[row, column]]
+        photos = found.photos[cells.lattice[row, column]]
         # 75 and 60 % ask for 4 x 2.
         for rgb, low, high in (
-            (NOT_COVERABLE_RGB, 0, 0), (UNSEEN_RGB, 1, 4), (POSSIBLE_RGB, 5, 7), (SEEN_RGB, 8, 15), (SURE_RGB, 16, 999),
+            (NOT_COVERABLE_RGB, 0, 0), (UNOBSERVED_RGB, 1, 4), (POSSIBLE_RGB, 5, 7), (OBSERVED_RGB, 8, 15), (SURE_RGB, 16, 999),
         ):  # fmt: skip
-            np.testing.assert_array_equal((image == rgb).all(axis=1), (pictures >= low) & (pictures <= high))
+            np.testing.assert_array_equal((image == rgb).all(axis=1), (photos >= low) & (photos <= high))
         assert "8 to 15" in [entry.label for entry in layers[f"pictures-{which}"].legend]
         sample = pixels(layers[f"sample-{which}"].image)
-        assert (sample[..., 3] > 0).sum() == (found.pictures > 0).sum()
+        assert (sample[..., 3] > 0).sum() == (found.photos > 0).sum()
     assert ("sample-flown" in layers) == (survey.verdict is not None)
     assert "sample" not in layers
 
 
 def test_every_picture_has_its_place(survey: ReportContent) -> None:
-    pictures = map_data(survey)["pictures"]
-    assert len(pictures["planned"]) == survey.planned_view.poses.eyes.shape[0] > 100
-    np.testing.assert_allclose(pictures["planned"], survey.planned_view.poses.eyes, atol=0.06)
+    photos = map_data(survey)["pictures"]
+    assert len(photos["planned"]) == survey.planned_view.poses.eyes.shape[0] > 100
+    np.testing.assert_allclose(photos["planned"], survey.planned_view.poses.eyes, atol=0.06)
     if survey.verdict is None:
-        assert pictures["flown"] == []
+        assert photos["flown"] == []
     else:
-        np.testing.assert_allclose(pictures["flown"], survey.verdict.observations.places_m, atol=0.06)
-        assert abs(len(pictures["flown"]) - len(pictures["planned"])) < 5
+        np.testing.assert_allclose(photos["flown"], survey.verdict.observations.positions_m, atol=0.06)
+        assert abs(len(photos["flown"]) - len(photos["planned"])) < 5
 
 
 def test_the_page_has_the_verdict_on_the_overlap(survey: ReportContent) -> None:

@@ -23,7 +23,7 @@ from uavcover.kernels.observation_counting import Camera, SensorPoses
 from uavcover.kernels.sight import local_slopes
 from uavcover.model.scenario import Scenario
 from uavcover.model.sensor import Sensor
-from uavcover.model.verdict import PictureStatistics, percent_beside
+from uavcover.model.verdict import PhotoStatistics, percent_beside
 from uavcover.scenario.site import area_as_drawn
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import add_observations, looks_singly, trigger_distance_m
@@ -38,35 +38,35 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PictureCounts:
+class PhotoCounts:
     """Photos that show each cell.
 
     Attributes:
-        pictures: (cells,) number of looks that show it; photos from one position are one look.
+        photos: (cells,) number of looks that show it; photos from one position are one look.
         ground_sample_m: (cells,) the best ground sample distance of these; NaN without one.
         taken: number of photos.
         looks: number of looks.
     """
 
-    pictures: NDArray[np.int32]
+    photos: NDArray[np.int32]
     ground_sample_m: FloatArray
     taken: int
     looks: int
 
 
-def takes_pictures(scenario: Scenario) -> bool:
+def takes_photos(scenario: Scenario) -> bool:
     """Whether the sensor takes single photos: a camera with a distance trigger, or one that observes at waypoints."""
     return scenario.sensor.is_camera and looks_singly(scenario)
 
 
-def pictures_asked(sensor: Sensor) -> int | None:
+def photos_required(sensor: Sensor) -> int | None:
     """Number of photos in which the required overlap puts a point; None without a required overlap.
 
     With forward overlap F photos begin every 1 - F of their length, so at least floor(1 / (1 - F)) of a line show a point; with
     side overlap S at least floor(1 / (1 - S)) lines do. The product counts photos of all lines.
 
     >>> from uavcover.model.sensor import FrameCamera
-    >>> pictures_asked(FrameCamera(kind="frame-camera", fov_across_deg=60.0, fov_along_deg=40.0, range_m=200.0,
+    >>> photos_required(FrameCamera(kind="frame-camera", fov_across_deg=60.0, fov_along_deg=40.0, range_m=200.0,
     ...                            forward_overlap=0.75, side_overlap=0.7))
     12
     """
@@ -77,38 +77,38 @@ def pictures_asked(sensor: Sensor) -> int | None:
 
 
 def overlap_rule(sensor: Sensor) -> str | None:
-    """Derivation of the number of :func:`pictures_asked`, as text; None without a required overlap.
+    """Derivation of the number of :func:`photos_required`, as text; None without a required overlap.
 
     >>> from uavcover.model.sensor import FrameCamera
     >>> overlap_rule(FrameCamera(kind="frame-camera", fov_across_deg=60.0, fov_along_deg=40.0, range_m=200.0,
     ...                          forward_overlap=0.75, side_overlap=0.7))
     '75 % forward: a point is in at least 4 photos of a swath; 70 % side: a point is in at least 3 swaths; 4 x 3 = 12 photos'
     """
-    asked = pictures_asked(sensor)
-    if asked is None:
+    required = photos_required(sensor)
+    if required is None:
         return None
     forward, side = sensor.forward_overlap or 0.0, sensor.side_overlap
     lines = math.floor(1.0 / (1.0 - side) + _ROUNDING)
     words = (
-        f"{100.0 * forward:g} % forward: a point is in at least {counted(asked // lines, 'photo')} of a swath",
+        f"{100.0 * forward:g} % forward: a point is in at least {counted(required // lines, 'photo')} of a swath",
         f"{100.0 * side:g} % side: a point is in at least {counted(lines, 'swath')}",
     )
-    return f"{'; '.join(words)}; {asked // lines} x {lines} = {asked} photos"
+    return f"{'; '.join(words)}; {required // lines} x {lines} = {required} photos"
 
 
 def planned_poses(coverage: CoverageMap, routes_m: Sequence[FloatArray]) -> SensorPoses:
     """Positions and camera directions of a level vehicle's observations on (n, 3) ENU routes as they are flown."""
     parts = [coverage.flown_observations(route) for route in routes_m]
-    places = np.vstack([np.empty((0, 3)), *(part.places_m for part in parts)])
+    positions = np.vstack([np.empty((0, 3)), *(part.positions_m for part in parts)])
     headings = np.vstack([np.empty((0, 2)), *(part.headings for part in parts)])
     yaw_deg = np.degrees(np.arctan2(headings[:, 0], headings[:, 1]))
     yaw_deg[~headings.any(axis=1)] = np.nan
-    level = np.zeros(len(places))
+    level = np.zeros(len(positions))
     turn = coverage.site.scenario.sensor.camera_turn(np.column_stack([level, level, yaw_deg]))
-    return SensorPoses(places[turn.known], turn.axes[turn.known], turn.tops[turn.known], level[turn.known])
+    return SensorPoses(positions[turn.known], turn.axes[turn.known], turn.tops[turn.known], level[turn.known])
 
 
-def count_pictures(coverage: CoverageMap, poses: SensorPoses, looks: IntArray | None = None) -> PictureCounts:
+def count_photos(coverage: CoverageMap, poses: SensorPoses, looks: IntArray | None = None) -> PhotoCounts:
     """Count the photos that show each cell of a map.
 
     Args:
@@ -136,7 +136,7 @@ def count_pictures(coverage: CoverageMap, poses: SensorPoses, looks: IntArray | 
     counts = kernels.no_observations(coverage.grid.count)
     add_observations(coverage.site, slopes, sight, camera, coverage.grid.cells, numbered, counts)
     sample_m = np.where(np.isfinite(counts.ground_sample_m), counts.ground_sample_m, np.nan)
-    return PictureCounts(counts.passes, sample_m, len(poses.eyes), len(np.unique(numbers)))
+    return PhotoCounts(counts.passes, sample_m, len(poses.eyes), len(np.unique(numbers)))
 
 
 def drawn_cells(coverage: CoverageMap) -> BoolArray:
@@ -145,7 +145,7 @@ def drawn_cells(coverage: CoverageMap) -> BoolArray:
     return np.asarray(shapely.contains_xy(area_as_drawn(coverage.site), middles[:, 0], middles[:, 1]))
 
 
-def overlap_fraction(coverage: CoverageMap, counts: PictureCounts, also: BoolArray | None = None) -> float | None:
+def overlap_fraction(coverage: CoverageMap, counts: PhotoCounts, also: BoolArray | None = None) -> float | None:
     """Fraction of the ground, as drawn, in as many photos as the overlap requires; None without a requirement.
 
     Args:
@@ -153,61 +153,61 @@ def overlap_fraction(coverage: CoverageMap, counts: PictureCounts, also: BoolArr
         counts: of their photos.
         also: (cells,) cells that count as having enough photos.
     """
-    drawn, asked = drawn_cells(coverage), pictures_asked(coverage.site.scenario.sensor)
-    if asked is None or not drawn.any():
+    drawn, required = drawn_cells(coverage), photos_required(coverage.site.scenario.sensor)
+    if required is None or not drawn.any():
         return None
-    weight, enough = coverage.grid.weight_m2, counts.pictures >= asked
+    weight, enough = coverage.grid.weight_m2, counts.photos >= required
     if also is not None:
         enough = enough | also
     return float(weight[drawn & enough].sum() / weight[drawn].sum())
 
 
-def picture_statistics(coverage: CoverageMap, counts: PictureCounts) -> PictureStatistics:
+def photo_statistics(coverage: CoverageMap, counts: PhotoCounts) -> PhotoStatistics:
     """Statistics of photos over the cells of the drawn area. Its margin may be observed less often."""
     drawn = drawn_cells(coverage)
-    pictures = counts.pictures[drawn]
-    asked, enough = pictures_asked(coverage.site.scenario.sensor), overlap_fraction(coverage, counts)
+    photos = counts.photos[drawn]
+    required, enough = photos_required(coverage.site.scenario.sensor), overlap_fraction(coverage, counts)
     sample_m = counts.ground_sample_m[drawn]
     sample_m = sample_m[np.isfinite(sample_m)]
-    return PictureStatistics(
+    return PhotoStatistics(
         taken=counts.taken,
         looks=counts.looks,
-        asked=asked,
+        asked=required,
         overlap_fraction=enough,
         overlap_holds=None if enough is None else enough >= OVERLAP_FRACTION,
-        fewest=int(pictures.min(initial=np.iinfo(np.int32).max)) if drawn.any() else 0,
-        median=float(np.median(pictures)) if drawn.any() else 0.0,
+        fewest=int(photos.min(initial=np.iinfo(np.int32).max)) if drawn.any() else 0,
+        median=float(np.median(photos)) if drawn.any() else 0.0,
         ground_sample_median_m=float(np.median(sample_m)) if sample_m.size else None,
         ground_sample_p95_m=float(np.percentile(sample_m, 95.0)) if sample_m.size else None,
     )
 
 
-def overlap_shortfall(scenario: Scenario, pictures: PictureStatistics | None) -> str | None:
+def overlap_shortfall(scenario: Scenario, photos: PhotoStatistics | None) -> str | None:
     """Shortfall of the photos against the required overlap, as text; None without one.
 
     Args:
         scenario: with its requirements.
-        pictures: number of photos of the ground; None if unknown.
+        photos: number of photos of the ground; None if unknown.
     """
     wanted = scenario.requirements.min_overlap_fraction
     if wanted is None:
         return None
-    found = None if pictures is None else pictures.overlap_fraction
-    if pictures is None or found is None:
+    found = None if photos is None else photos.overlap_fraction
+    if photos is None or found is None:
         return "an overlap is required, but no photos are known"
     if found >= wanted:
         return None
     return (
-        f"the required overlap, {pictures.asked} photos of every point, is achieved on "
+        f"the required overlap, {photos.asked} photos of every point, is achieved on "
         f"{percent_beside(found, wanted)} of the area, which is below the required {100.0 * wanted:.2f} %"
     )
 
 
-def planned_pictures(coverage: CoverageMap, routes_m: Sequence[FloatArray]) -> PictureStatistics | None:
+def planned_photos(coverage: CoverageMap, routes_m: Sequence[FloatArray]) -> PhotoStatistics | None:
     """Statistics of the photos planned on (n, 3) ENU routes, one for each flight; None for a sensor without photos."""
-    if not takes_pictures(coverage.site.scenario):
+    if not takes_photos(coverage.site.scenario):
         return None
-    return picture_statistics(coverage, count_pictures(coverage, planned_poses(coverage, routes_m)))
+    return photo_statistics(coverage, count_photos(coverage, planned_poses(coverage, routes_m)))
 
 
 def camera_axes(yaw_deg: FloatArray, pitch_deg: FloatArray, roll_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -255,7 +255,7 @@ def look_distance_m(scenario: Scenario, error_m: FloatArray) -> FloatArray:
 
 
 def looks_of(
-    places_m: FloatArray, axes: FloatArray, closer_m: FloatArray, captures: Sequence[str | None] | None = None
+    positions_m: FloatArray, axes: FloatArray, closer_m: FloatArray, captures: Sequence[str | None] | None = None
 ) -> IntArray:
     """(n,) number of the look that each photo belongs to, counted from 0 in order of the first photo of each.
 
@@ -263,7 +263,7 @@ def looks_of(
     heights along the view do not make another look. Photos of one capture id are one look.
 
     Args:
-        places_m: (n, 3) ENU positions.
+        positions_m: (n, 3) ENU positions.
         axes: (n, 3) unit vectors along the views.
         closer_m: (n,) distances, see :func:`look_distance_m`.
         captures: (n,) capture ids; none where a photo has none.
@@ -272,11 +272,11 @@ def looks_of(
     >>> looks_of(places, np.tile([0.0, 0.0, -1.0], (4, 1)), np.full(4, 5.0)).tolist()
     [0, 0, 1, 1]
     """
-    count = len(places_m)
+    count = len(positions_m)
     found = np.full(count, -1, dtype=np.int64)
     first = np.empty(count, dtype=np.int64)
     looks = 0
-    of_capture = _captures(places_m, captures)
+    of_capture = _captures(positions_m, captures)
     known: dict[int, int] = {}
     alike = np.cos(np.radians(_ALIKE_DEG))
     for k in range(count):
@@ -284,7 +284,7 @@ def looks_of(
             found[k] = known[of_capture[k]]
             continue
         leaders = first[:looks]
-        offsets = places_m[leaders] - places_m[k]
+        offsets = positions_m[leaders] - positions_m[k]
         along = np.einsum("ij,ij->i", offsets, axes[leaders])
         across2 = np.einsum("ij,ij->i", offsets, offsets) - along * along
         same = np.flatnonzero((across2 <= closer_m[k] ** 2) & (axes[leaders] @ axes[k] >= alike))
@@ -298,15 +298,15 @@ def looks_of(
     return found
 
 
-def _captures(places_m: FloatArray, captures: Sequence[str | None] | None) -> list[int]:
+def _captures(positions_m: FloatArray, captures: Sequence[str | None] | None) -> list[int]:
     """(n,) number of each photo's capture; -1 without one, or if the id covers more than one position."""
     numbers: dict[str, list[int]] = {}
     for k, capture in enumerate(captures or ()):
         if capture is not None:
             numbers.setdefault(capture, []).append(k)
-    out = [-1] * len(places_m)
+    out = [-1] * len(positions_m)
     for number, members in enumerate(numbers.values()):
-        spread_m = np.linalg.norm(places_m[members] - places_m[members[0]], axis=1).max()
+        spread_m = np.linalg.norm(positions_m[members] - positions_m[members[0]], axis=1).max()
         if spread_m <= _LONGEST_CAPTURE_M:
             for k in members:
                 out[k] = number

@@ -16,9 +16,9 @@ from uavcover.extras.check.findings import FlownPath, Segment
 from uavcover.extras.check.tuning import PATH
 from uavcover.extras.check.world import Aircraft, World
 from uavcover.kernels.arrays import FloatArray, IntArray
-from uavcover.kernels.coverage import picture_places
+from uavcover.kernels.coverage import photo_positions
 
-_ROI_AT_A_PLACE, _ANGLES, _YAW_LOCK = 3.0, 2.0, 16
+_ROI_AT_A_POSITION, _ANGLES, _YAW_LOCK = 3.0, 2.0, 16
 
 
 class _Also(IntEnum):
@@ -39,10 +39,10 @@ _CAMERA = frozenset(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlannedPictures:
+class PlannedPhotos:
     """The n photos of a mission, in the order they are taken."""
 
-    places_m: FloatArray  # (n, 3) ENU of the camera
+    positions_m: FloatArray  # (n, 3) ENU of the camera
     yaw_deg: FloatArray  # (n,) direction of the photo's top when it looks straight down, clockwise from north
     pitch_deg: FloatArray  # (n,) of the camera above the horizon: -90 looks straight down
     items: IntArray  # (n,) number of the item on the way to which it is taken
@@ -78,7 +78,7 @@ class _Camera:
     pitch_deg: float
     gimbal_yaw_deg: float = 0.0
     gimbal_yaw_is_heading: bool = False
-    nose_deg: float | None = None
+    yaw_deg: float | None = None
     """Held on the next leg only."""
     roi_m: FloatArray | None = None
 
@@ -88,9 +88,9 @@ _COLUMNS = 7
 """East, north, up, time, yaw, pitch, item."""
 
 
-def planned_pictures(
+def planned_photos(
     mission: Mission, path: FlownPath, world: World, aircraft: Aircraft, *, pitch_deg: float = -90.0, always: Series | None = None
-) -> PlannedPictures:  # fmt: skip
+) -> PlannedPhotos:  # fmt: skip
     """The photos of a mission.
 
     Args:
@@ -191,11 +191,11 @@ class _Shooting:
             steps[:, 2] > 0.0, steps[:, 2] / self._aircraft.max_climb_m_s, -steps[:, 2] / self._aircraft.max_descent_m_s
         )
         seconds = np.maximum(flat / max(segment.speed_m_s, 0.1), rise)
-        nose = self._nose_deg(segment)
+        yaw = self._yaw_deg(segment)
         rows = np.empty((len(points), _COLUMNS))
         rows[:, :3] = points
         rows[:, 3] = self._at[3] + np.concatenate([[0.0], np.cumsum(seconds)])
-        rows[1:, 4] = course if nose is None else nose
+        rows[1:, 4] = course if yaw is None else yaw
         rows[0, 4], rows[:, 5], rows[:, 6] = rows[1, 4], self._camera.pitch_deg, segment.items[1]
         rows = self._looking(rows)
         rest = rows[-1:].copy()
@@ -204,16 +204,16 @@ class _Shooting:
             if stretch is not None:
                 stretch.points += [rows, rest]
         self._at = rest[0].copy()
-        self._at[4] = course[-1] if nose is None else nose
-        self._camera.nose_deg = None
+        self._at[4] = course[-1] if yaw is None else yaw
+        self._camera.yaw_deg = None
 
-    def end(self, conditional: tuple[int, ...]) -> PlannedPictures:
+    def end(self, conditional: tuple[int, ...]) -> PlannedPhotos:
         """All photos by time."""
         self.stop()
         rows = np.vstack([np.empty((0, _COLUMNS)), *self._taken])
         rows = rows[np.argsort(rows[:, 3], kind="stable")]
         yaw = _carried(rows[::-1, 4], _NORTH)[::-1]  # before the first leg the nose is where that leg will point it
-        return PlannedPictures(
+        return PlannedPhotos(
             np.ascontiguousarray(rows[:, :3]), yaw, rows[:, 5].copy(), rows[:, 6].astype(np.int64), *self._least_gap,
             tuple(self._notes), conditional,
         )  # fmt: skip
@@ -235,30 +235,30 @@ class _Shooting:
             case Command.CONDITION_YAW if not self._aircraft.has_wings and self._aircraft.autopilot == "ardupilot":
                 turn = p1 if p3 >= 0.0 else -p1
                 before = self._at[4] if math.isfinite(self._at[4]) else _NORTH
-                camera.nose_deg = before + turn if p4 == 1.0 else p1
+                camera.yaw_deg = before + turn if p4 == 1.0 else p1
             case Command.DO_SET_ROI_LOCATION:
-                camera.roi_m = self._place_of(item)
+                camera.roi_m = self._position_of(item)
             case _Also.SET_ROI:
-                camera.roi_m = self._place_of(item) if p1 == _ROI_AT_A_PLACE else None
+                camera.roi_m = self._position_of(item) if p1 == _ROI_AT_A_POSITION else None
             case Command.DO_SET_ROI_NONE:
                 camera.roi_m = None
 
-    def _place_of(self, item: MissionItem) -> FloatArray | None:
+    def _position_of(self, item: MissionItem) -> FloatArray | None:
         if not math.isfinite(item.lat_deg + item.lon_deg) or (item.lat_deg, item.lon_deg) == (0.0, 0.0):
             return None
-        en = [self._world.place(item.lat_deg, item.lon_deg)]
+        en = [self._world.position(item.lat_deg, item.lon_deg)]
         alt = item.alt_m if math.isfinite(item.alt_m) else 0.0
         if item.frame is Frame.ABOVE_TERRAIN:
             return np.asarray(self._world.above_ground(en, alt)[0])
         base = 0.0 if item.frame is Frame.AMSL else self._world.home_alt_amsl_m
         return np.asarray(self._world.at_alts(en, alt + base)[0])
 
-    def _nose_deg(self, segment: Segment) -> float | None:
+    def _yaw_deg(self, segment: Segment) -> float | None:
         """Yaw that an item holds on the leg to it; None: along the leg."""
         if self._aircraft.has_wings:
             return None
-        if self._camera.nose_deg is not None:
-            return self._camera.nose_deg
+        if self._camera.yaw_deg is not None:
+            return self._camera.yaw_deg
         number = segment.items[1]
         if self._aircraft.autopilot == "px4" and 1 <= number <= len(self._items):
             item = self._items[number - 1]
@@ -285,11 +285,11 @@ class _Shooting:
     def _take_here(self, number: int, *, times: int) -> None:
         row = self._at[None].copy()
         row[0, 5] = self._camera.pitch_deg
-        if self._camera.nose_deg is not None:
-            row[0, 4] = self._camera.nose_deg
+        if self._camera.yaw_deg is not None:
+            row[0, 4] = self._camera.yaw_deg
         row = self._looking(row)
         row[0, 6] = number
-        self._taken.append(np.repeat(row, min(times, PATH.most_pictures), axis=0))
+        self._taken.append(np.repeat(row, min(times, PATH.most_photos), axis=0))
 
     def _stop_distance(self) -> None:
         stretch, self._by_distance = self._by_distance, None
@@ -297,11 +297,11 @@ class _Shooting:
             return
         rows = np.vstack(stretch.points)
         over_ground = float(np.hypot(*np.diff(rows[:, :2], axis=0).T).sum()) if len(rows) > 1 else 0.0
-        if over_ground / stretch.distance_m > PATH.most_pictures:
-            self._notes[f"more than {PATH.most_pictures} distance-triggered photos are not counted"] = None
+        if over_ground / stretch.distance_m > PATH.most_photos:
+            self._notes[f"more than {PATH.most_photos} distance-triggered photos are not counted"] = None
             return
-        legs, shares = picture_places(np.ascontiguousarray(rows[:, :3]), stretch.distance_m)
-        taken = _between(rows, legs, shares)
+        legs, fractions = photo_positions(np.ascontiguousarray(rows[:, :3]), stretch.distance_m)
+        taken = _between(rows, legs, fractions)
         self._keep(taken if stretch.at_once else taken[1:], of_series=True)
 
     def _stop_time(self) -> None:
@@ -312,8 +312,8 @@ class _Shooting:
         count = int((rows[-1, 3] - rows[0, 3]) / stretch.interval_s + 1e-9) + 1
         if stretch.most is not None:
             count = min(count, stretch.most)
-        if count > PATH.most_pictures:
-            self._notes[f"more than {PATH.most_pictures} time-triggered photos are not counted"] = None
+        if count > PATH.most_photos:
+            self._notes[f"more than {PATH.most_photos} time-triggered photos are not counted"] = None
             return
         times = rows[0, 3] + stretch.interval_s * np.arange(count)
         legs = np.clip(np.searchsorted(rows[:, 3], times, side="left") - 1, 0, max(len(rows) - 2, 0))
@@ -321,8 +321,8 @@ class _Shooting:
             self._keep(rows, of_series=False)
             return
         length = rows[legs + 1, 3] - rows[legs, 3]
-        shares = np.where(length > 0.0, (times - rows[legs, 3]) / np.where(length > 0.0, length, 1.0), 1.0)
-        self._keep(_between(rows, legs, shares), of_series=True)
+        fractions = np.where(length > 0.0, (times - rows[legs, 3]) / np.where(length > 0.0, length, 1.0), 1.0)
+        self._keep(_between(rows, legs, fractions), of_series=True)
 
     def _keep(self, taken: FloatArray, *, of_series: bool) -> None:
         self._taken.append(taken)
@@ -332,11 +332,11 @@ class _Shooting:
             self._least_gap = min(self._least_gap, (float(gaps[k]), int(taken[k + 1, 6])))
 
 
-def _between(rows: FloatArray, legs: IntArray, shares: FloatArray) -> FloatArray:
+def _between(rows: FloatArray, legs: IntArray, fractions: FloatArray) -> FloatArray:
     """Rows at fractions 0..1 between some rows and the next ones. Angles and items are those at the end of the leg."""
     after = np.minimum(legs + 1, len(rows) - 1)
     out: FloatArray = rows[after].copy()
-    out[:, :4] = rows[legs, :4] + shares[:, None] * (rows[after, :4] - rows[legs, :4])
+    out[:, :4] = rows[legs, :4] + fractions[:, None] * (rows[after, :4] - rows[legs, :4])
     return out
 
 

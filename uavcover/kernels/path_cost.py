@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.energy import Power, landing_energy, leg_energy, takeoff_energy, turn_energy
-from uavcover.kernels.flight_time import Pace, Place, landing_time, leg_time, takeoff_time, turn_time
+from uavcover.kernels.flight_time import Pace, Position, landing_time, leg_time, takeoff_time, turn_time
 from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.surface import Surface, height_above
 
@@ -55,7 +55,7 @@ NO_DETOURS = Detours(_NO_COSTS)
 """Transits are straight lines."""
 
 
-class WayCost(NamedTuple):
+class PathCost(NamedTuple):
     """The cost to minimise.
 
     Attributes:
@@ -64,8 +64,8 @@ class WayCost(NamedTuple):
         deviation_price: per metre of a waypoint above or below the middle of the band (Eq. 7), in that unit.
         middle_agl_m: the middle of the band.
         mission: 1 if time or energy is that of the whole mission, with take-off, transit and landing.
-        column_top: position above home where transit begins and ends.
-        column_m: its height above home.
+        climb_out_top: position above home where transit begins and ends.
+        climb_out_m: its height above home.
         stop_at_first: 1 if the vehicle stops at its first waypoint, where the photos begin.
         waypoint_price: of every waypoint, in that unit.
         power: of the vehicle, for ENERGY.
@@ -77,74 +77,74 @@ class WayCost(NamedTuple):
     deviation_price: float
     middle_agl_m: float
     mission: int = 0
-    column_top: Place = (0.0, 0.0, 0.0)
-    column_m: float = 0.0
+    climb_out_top: Position = (0.0, 0.0, 0.0)
+    climb_out_m: float = 0.0
     stop_at_first: int = 0
     waypoint_price: float = 0.0
     power: Power = HOVERING
     detours: Detours = NO_DETOURS
 
 
-SHORTEST = WayCost(LENGTH, Pace(1.0, 1.0, 1.0), 0.0, 0.0)
+SHORTEST = PathCost(LENGTH, Pace(1.0, 1.0, 1.0), 0.0, 0.0)
 """Only the length counts."""
 
 
 @kernel
-def leg_cost(way: WayCost, p: Place, q: Place) -> float:
+def leg_cost(cost: PathCost, p: Position, q: Position) -> float:
     """Cost of the leg from p to q, without its ends."""
-    if way.unit == TIME:
-        return leg_time(way.pace, p, q)
-    if way.unit == ENERGY:
-        return leg_energy(way.power, way.pace, p, q)
+    if cost.unit == TIME:
+        return leg_time(cost.pace, p, q)
+    if cost.unit == ENERGY:
+        return leg_energy(cost.power, cost.pace, p, q)
     return math.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
 
 
 @kernel
-def turn_cost(way: WayCost, p: Place, q: Place, r: Place) -> float:
+def turn_cost(cost: PathCost, p: Position, q: Position, r: Position) -> float:
     """Cost of the turn at q."""
-    if way.unit == TIME:
-        return turn_time(way.pace, p, q, r)
-    return turn_energy(way.power, way.pace, p, q, r) if way.unit == ENERGY else 0.0
+    if cost.unit == TIME:
+        return turn_time(cost.pace, p, q, r)
+    return turn_energy(cost.power, cost.pace, p, q, r) if cost.unit == ENERGY else 0.0
 
 
 @kernel
-def place_cost(surface: Surface, way: WayCost, p: Place) -> float:
+def position_cost(surface: Surface, cost: PathCost, p: Position) -> float:
     """Cost of a single waypoint."""
-    if way.deviation_price == 0.0:
-        return way.waypoint_price
-    return way.waypoint_price + way.deviation_price * abs(height_above(surface, p[0], p[1], p[2]) - way.middle_agl_m)
+    if cost.deviation_price == 0.0:
+        return cost.waypoint_price
+    return cost.waypoint_price + cost.deviation_price * abs(height_above(surface, p[0], p[1], p[2]) - cost.middle_agl_m)
 
 
 @kernel
-def time_there(way: WayCost, p: Place) -> float:
+def time_there(cost: PathCost, p: Position) -> float:
     """Seconds from the ground at home to rest at p."""
-    return takeoff_time(way.pace, way.column_m) + leg_time(way.pace, way.column_top, p)
+    return takeoff_time(cost.pace, cost.climb_out_m) + leg_time(cost.pace, cost.climb_out_top, p)
 
 
 @kernel
-def time_home(way: WayCost, p: Place) -> float:
+def time_home(cost: PathCost, p: Position) -> float:
     """Seconds from rest at p to the ground at home."""
-    return leg_time(way.pace, p, way.column_top) + landing_time(way.pace, way.column_m)
+    return leg_time(cost.pace, p, cost.climb_out_top) + landing_time(cost.pace, cost.climb_out_m)
 
 
 @kernel
-def _cost_there(way: WayCost, p: Place) -> float:
+def _cost_there(cost: PathCost, p: Position) -> float:
     """Cost of the flight from the ground at home to rest at p, in time or energy."""
-    if way.unit == ENERGY:
-        return takeoff_energy(way.power, way.pace, way.column_m) + leg_cost(way, way.column_top, p)
-    return time_there(way, p)
+    if cost.unit == ENERGY:
+        return takeoff_energy(cost.power, cost.pace, cost.climb_out_m) + leg_cost(cost, cost.climb_out_top, p)
+    return time_there(cost, p)
 
 
 @kernel
-def _cost_home(way: WayCost, p: Place) -> float:
+def _cost_home(cost: PathCost, p: Position) -> float:
     """Cost of the flight from rest at p to the ground at home, in time or energy."""
-    if way.unit == ENERGY:
-        return leg_cost(way, p, way.column_top) + landing_energy(way.power, way.pace, way.column_m)
-    return time_home(way, p)
+    if cost.unit == ENERGY:
+        return leg_cost(cost, p, cost.climb_out_top) + landing_energy(cost.power, cost.pace, cost.climb_out_m)
+    return time_home(cost, p)
 
 
 @kernel
-def _detour_cost(surface: Surface, detours: Detours, p: Place, direction: int) -> float:
+def _detour_cost(surface: Surface, detours: Detours, p: Position, direction: int) -> float:
     """Extra cost of the transit to p, 0, or home from it, 1, compared with a straight one."""
     rows, columns = detours.more.shape[0], detours.more.shape[1]
     if rows < 2 or columns < 2:
@@ -168,12 +168,12 @@ def _detour_cost(surface: Surface, detours: Detours, p: Place, direction: int) -
 
 
 @kernel
-def stretch_cost(surface: Surface, way: WayCost, stretch: NDArray[np.float64], begins: bool, ends: bool) -> float:
+def stretch_cost(surface: Surface, cost: PathCost, stretch: NDArray[np.float64], begins: bool, ends: bool) -> float:
     """Cost of an (n, 3) stretch of a route: legs, turns and waypoints; with transit at its ends.
 
     Args:
         surface: the ground.
-        way: the cost.
+        cost: the cost.
         stretch: its waypoints.
         begins: whether its first waypoint is that of the route.
         ends: whether its last waypoint is that of the route.
@@ -182,32 +182,32 @@ def stretch_cost(surface: Surface, way: WayCost, stretch: NDArray[np.float64], b
     n = stretch.shape[0]
     for k in range(n):
         q = (stretch[k, 0], stretch[k, 1], stretch[k, 2])
-        total += place_cost(surface, way, q)
+        total += position_cost(surface, cost, q)
         if k > 0:
             p = (stretch[k - 1, 0], stretch[k - 1, 1], stretch[k - 1, 2])
-            total += leg_cost(way, p, q)
+            total += leg_cost(cost, p, q)
             if k < n - 1:
-                total += turn_cost(way, p, q, (stretch[k + 1, 0], stretch[k + 1, 1], stretch[k + 1, 2]))
-    if way.mission == 1 and n > 0:
-        home = way.column_top
+                total += turn_cost(cost, p, q, (stretch[k + 1, 0], stretch[k + 1, 1], stretch[k + 1, 2]))
+    if cost.mission == 1 and n > 0:
+        home = cost.climb_out_top
         if begins:
             first = (stretch[0, 0], stretch[0, 1], stretch[0, 2])
-            total += _cost_there(way, first) + _detour_cost(surface, way.detours, first, 0)
-            if way.stop_at_first == 0 and n > 1:
-                total += turn_cost(way, home, first, (stretch[1, 0], stretch[1, 1], stretch[1, 2]))
+            total += _cost_there(cost, first) + _detour_cost(surface, cost.detours, first, 0)
+            if cost.stop_at_first == 0 and n > 1:
+                total += turn_cost(cost, home, first, (stretch[1, 0], stretch[1, 1], stretch[1, 2]))
         if ends:
             last = (stretch[n - 1, 0], stretch[n - 1, 1], stretch[n - 1, 2])
-            total += _cost_home(way, last) + _detour_cost(surface, way.detours, last, 1)
+            total += _cost_home(cost, last) + _detour_cost(surface, cost.detours, last, 1)
             if n > 1:
-                total += turn_cost(way, (stretch[n - 2, 0], stretch[n - 2, 1], stretch[n - 2, 2]), last, home)
+                total += turn_cost(cost, (stretch[n - 2, 0], stretch[n - 2, 1], stretch[n - 2, 2]), last, home)
     return total
 
 
 @kernel
-def route_cost(surface: Surface, way: WayCost, route: NDArray[np.float64]) -> float:
+def route_cost(surface: Surface, cost: PathCost, route: NDArray[np.float64]) -> float:
     """Cost of a whole (n, 3) route, or of its mission if the cost is that of the mission."""
     whole = route.shape[0] >= 0  # true: numba compiles a version of its own for a value that it reads
-    return stretch_cost(surface, way, route, whole, whole)
+    return stretch_cost(surface, cost, route, whole, whole)
 
 
 class FlightEnergies(NamedTuple):
@@ -391,20 +391,20 @@ def split(costs: FlightCosts) -> tuple[float, NDArray[np.int64]]:
 
 @allocating_kernel
 def straight_ends(
-    way: WayCost, route: NDArray[np.float64]
+    cost: PathCost, route: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Seconds from home to each of (n, 3) waypoints, home from it, and there and back, by straight lines, with their turns."""
     n = route.shape[0]
     there, back, alone = np.empty(n), np.empty(n), np.empty(n)
-    home = way.column_top
+    home = cost.climb_out_top
     for k in range(n):
         q = (route[k, 0], route[k, 1], route[k, 2])
-        there[k], back[k] = time_there(way, q), time_home(way, q)
+        there[k], back[k] = time_there(cost, q), time_home(cost, q)
         alone[k] = there[k] + back[k]
-        if way.stop_at_first == 0:
-            alone[k] += turn_time(way.pace, home, q, home)
+        if cost.stop_at_first == 0:
+            alone[k] += turn_time(cost.pace, home, q, home)
             if k < n - 1:
-                there[k] += turn_time(way.pace, home, q, (route[k + 1, 0], route[k + 1, 1], route[k + 1, 2]))
+                there[k] += turn_time(cost.pace, home, q, (route[k + 1, 0], route[k + 1, 1], route[k + 1, 2]))
         if k > 0:
-            back[k] += turn_time(way.pace, (route[k - 1, 0], route[k - 1, 1], route[k - 1, 2]), q, home)
+            back[k] += turn_time(cost.pace, (route[k - 1, 0], route[k - 1, 1], route[k - 1, 2]), q, home)
     return there, back, alone

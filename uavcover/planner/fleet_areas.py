@@ -32,7 +32,7 @@ _BESIDE = 0.5
 _GRID_M = 0.01
 _SHIFT = 0.7
 """Fraction of the difference to the mean time that moves the borders: part of it is luck of the search."""
-_MOST_ARRANGED, _TRIES, _BEGINNINGS = 8, 400, 8
+_MOST_ARRANGED, _TRIES, _STARTS = 8, 400, 8
 """Vehicles whose parts are exchanged and reversed, schedules that are tried, and arrangements from which that begins."""
 _NEAR = 12
 """Combinations beside the best one that are scheduled at a time."""
@@ -47,7 +47,7 @@ def is_one_flight_each(site: Site) -> bool:
     return longest_s is None or 1.5 * whole_s <= site.scenario.fleet.vehicles * longest_s
 
 
-def plan_in_shares(
+def plan_by_area(
     site: Site, *, rule: str, required: float, search: SearchAgain, efforts: Sequence[float]
 ) -> tuple[Plan, Site] | None:
     """The plan of a fleet whose vehicles have parts of the area, and the site with the parts.
@@ -66,13 +66,13 @@ def plan_in_shares(
         InfeasibleError: no route of a part keeps the limits.
         ScenarioError: a part is too small.
     """
-    shares, divisions = [1.0] * len(site.scenario.vehicles), list[_Division]()
+    fractions, divisions = [1.0] * len(site.scenario.vehicles), list[_Division]()
     for effort in efforts[:-1] or efforts:
-        divided = _divided(site, shares)
+        divided = _divided(site, fractions)
         if divided is None:
             break
         divisions.append(_Division.searched(*divided, rule, required, search, effort))
-        shares = divisions[-1].balanced(shares)
+        fractions = divisions[-1].balanced(fractions)
         if divisions[-1].is_interrupted:
             break
     divisions = [each for each in divisions if each.combinations]
@@ -131,11 +131,11 @@ class _Division:
     def is_interrupted(self) -> bool:
         return any(plan.interrupted for plan in self.plans)
 
-    def balanced(self, shares: Sequence[float]) -> list[float]:
+    def balanced(self, fractions: Sequence[float]) -> list[float]:
         """Fractions of the work that give the parts equal times."""
         members = self.combinations[0] if self.combinations else [plan.chosen for plan in self.plans]
         times_s = [max(member.metrics.time_s, 1.0) for member in members]
-        changed = list(shares)
+        changed = list(fractions)
         for piece, time_s in zip(self.piece_of, times_s, strict=True):
             changed[piece] *= (sum(times_s) / len(times_s) / time_s) ** _SHIFT
         return changed
@@ -171,7 +171,7 @@ class _Division:
         )
 
 
-def _divided(site: Site, shares: Sequence[float]) -> tuple[Site, tuple[int, ...]] | None:
+def _divided(site: Site, fractions: Sequence[float]) -> tuple[Site, tuple[int, ...]] | None:
     """The site with a part for each vehicle, and the numbers of the parts. None if the area is too small.
 
     Work includes the transit from vehicle 1's home if all homes are near it. The assignment minimises the sum of the distances
@@ -180,7 +180,7 @@ def _divided(site: Site, shares: Sequence[float]) -> tuple[Site, tuple[int, ...]
     sites, work = vehicle_sites(site), flight_work(site)
     homes = np.array([own.home_m[:2] for own in sites if own.home_m is not None])
     beside = float(np.hypot(*(homes - homes[0]).T).max()) <= _BESIDE * site.area.area**0.5
-    pieces = divide(area_as_drawn(site), len(sites), work if beside else FlightWork(work.swath_m), shares)
+    pieces = divide(area_as_drawn(site), len(sites), work if beside else FlightWork(work.swath_m), fractions)
     if len(pieces) < len(sites):
         return None
     middles = np.array([[piece.centroid.x, piece.centroid.y] for piece in pieces])
@@ -264,16 +264,16 @@ class _Arrangements:
     def best(self, members: Sequence[RouteMember]) -> _Arrangement:
         """The arrangement that ends first, by exchanging two routes or reversing one, from several initial arrangements."""
         count, rng, tried = len(members), np.random.default_rng(0), {}
-        ways = [(member, _reversed(member)) for member in members]
+        both = [(member, _reversed(member)) for member in members]
 
         def value(order: tuple[int, ...], backwards: tuple[int, ...]) -> _Arrangement:
             if (order, backwards) not in tried:
-                turned = [ways[k][backwards[k]] for k in order]
+                turned = [both[k][backwards[k]] for k in order]
                 tried[order, backwards] = self._scheduled(order, turned, [members[k] for k in order])
             return tried[order, backwards]
 
         now = tuple(range(count)), (0,) * count
-        for _ in range(_BEGINNINGS):
+        for _ in range(_STARTS):
             better = True
             while better and len(tried) < _TRIES:
                 order, backwards = now

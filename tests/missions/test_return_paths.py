@@ -15,7 +15,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.leg_checks import find_problems
 from uavcover.missions.mission_compiler import compile_return
 from uavcover.missions.return_advice import OwnReturns, ReturnAdvice
-from uavcover.missions.transit import _along, check_way_home, check_way_there, is_too_high, transit
+from uavcover.missions.transit import _along, check_outbound, check_return, is_too_high, transit
 from uavcover.model.limits import Obstacles
 from uavcover.scenario.site import Site
 
@@ -31,10 +31,10 @@ def ridge_between() -> Site:
 
 def lowest_along(site: Site, start: np.ndarray, up_m: float) -> float:
     assert site.home_m is not None
-    way = site.home_m[:2] - start[:2]
-    length = float(np.hypot(*way))
+    path = site.home_m[:2] - start[:2]
+    length = float(np.hypot(*path))
     t = np.linspace(0.0, max(0.0, 1.0 - site.scenario.vehicle.acceptance_radius_m / length), 2000)
-    return float((up_m - site.ground.heights_m(start[:2] + t[:, None] * way)).min())
+    return float((up_m - site.ground.heights_m(start[:2] + t[:, None] * path)).min())
 
 
 def _advice(site: Site, path_m: FloatArray, waypoints: int) -> ReturnAdvice:
@@ -57,11 +57,11 @@ def test_return_advice_on_a_ridge() -> None:
     # From every place of the path, at the height that was advised, by dense sampling.
     for a, b in itertools.pairwise(path):
         for t in np.linspace(0.0, 1.0, 23):
-            place = a + t * (b - a)
-            if np.hypot(*(place[:2] - HOME)) < 3.0:
+            position = a + t * (b - a)
+            if np.hypot(*(position[:2] - HOME)) < 3.0:
                 continue
-            assert lowest_along(site, place, max(place[2], advice.safe_return_height_m)) >= 20.0 - 0.02
-            at_60 = lowest_along(site, place, max(place[2], 60.0))
+            assert lowest_along(site, position, max(position[2], advice.safe_return_height_m)) >= 20.0 - 0.02
+            at_60 = lowest_along(site, position, max(position[2], 60.0))
             assert at_60 >= worst_m - 0.02
 
 
@@ -106,7 +106,7 @@ def test_the_rally_point_is_home_at_a_safe_height() -> None:
 # The way home from anywhere
 
 
-def way_home(site: Site, enu: tuple[float, float, float]) -> np.ndarray:
+def return_path(site: Site, enu: tuple[float, float, float]) -> np.ndarray:
     assert site.frame is not None
     lat, lon, alt = (float(v[0]) for v in site.frame.geodetic_from_enu(enu))
     mission = compile_return(site, lat_deg=lat, lon_deg=lon, alt_amsl_m=alt)
@@ -118,11 +118,11 @@ def way_home(site: Site, enu: tuple[float, float, float]) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    "place", [(250.0, 150.0, 90.0), (250.0, 150.0, 190.0), (-60.0, 60.0, 80.0), (-100.0, 50.0, 60.0)]
+    "position", [(250.0, 150.0, 90.0), (250.0, 150.0, 190.0), (-60.0, 60.0, 80.0), (-100.0, 50.0, 60.0)]
 )
-def test_home_from_the_air(place: tuple[float, float, float]) -> None:
+def test_home_from_the_air(position: tuple[float, float, float]) -> None:
     site = make_site(hills)
-    path = way_home(site, place)
+    path = return_path(site, position)
     problems = find_problems(site, path[:-1], lowest_agl_m=20.0 - 1e-3, highest_agl_m=None)
     assert [p for p in problems if p.kind != "climb"] == []
     assert path[-1] == pytest.approx(site.home_m, abs=1e-3)
@@ -130,8 +130,8 @@ def test_home_from_the_air(place: tuple[float, float, float]) -> None:
 
 def test_home_over_a_ridge_from_a_valley() -> None:
     site = make_site(ridge(100.0, 120.0))
-    place = (200.0, 50.0, 6.0)
-    path = way_home(site, place)
+    position = (200.0, 50.0, 6.0)
+    path = return_path(site, position)
     assert path[1] == pytest.approx([200.0, 50.0, path[1, 2]], abs=1e-3)  # straight up first
     assert path[1, 2] >= 20.0
     problems = find_problems(site, path[1:-1], lowest_agl_m=20.0 - 1e-3, highest_agl_m=None)
@@ -140,7 +140,7 @@ def test_home_over_a_ridge_from_a_valley() -> None:
 
 
 def test_home_from_low_in_the_column_above_home() -> None:
-    path = way_home(make_site(), (*HOME, 4.0))
+    path = return_path(make_site(), (*HOME, 4.0))
     assert path[-1] == pytest.approx([*HOME, 0.0], abs=1e-3)
 
 
@@ -169,12 +169,12 @@ def test_a_transit_that_would_be_too_high_leads_past_what_makes_it_so() -> None:
     assert straight.distance(shapely.Point(points[:, :2][np.argmax(np.abs(points[:, 1] - 60.0))])) > 5.0
     # Without the pit it is straight, over the tower.
     over = transit(make_site(obstacles=between), home, end, ground_end_height_m=30.0)
-    assert max(straight.distance(shapely.Point(place)) for place in over[:, :2]) < 1e-6
+    assert max(straight.distance(shapely.Point(position)) for position in over[:, :2]) < 1e-6
     # Where nothing is low enough it stays straight, and the check says what is in the way.
     wall = Obstacles(prisms=(tower(28.0, -400.0, 38.0, 600.0, 85.0),))
     everywhere = make_site(obstacles=wall, limits={"max_transit_height_agl_m": 58.0, "max_height_agl_m": 56.0})
     high = transit(everywhere, home, np.array([180.0, 70.0, 75.0]), ground_end_height_m=70.0)
-    assert max(straight.distance(shapely.Point(place)) for place in high[:, :2]) < 1e-6
+    assert max(straight.distance(shapely.Point(position)) for position in high[:, :2]) < 1e-6
 
 
 @pytest.mark.parametrize("seed", [0, 1, 4, 5])
@@ -190,11 +190,11 @@ def test_over_ground_that_is_steeper_than_legs_may_be_transits_stay_below_their_
     site = make_site(steep, limits=limits)
     assert site.home_m is not None
     too_high = 0
-    for place in rng.uniform((0.0, 0.0), (300.0, 200.0), (12, 2)):
-        end = np.array([*place, *site.ground.ups_m(place, 50.0)])
+    for position in rng.uniform((0.0, 0.0), (300.0, 200.0), (12, 2)):
+        end = np.array([*position, *site.ground.ups_m(position, 50.0)])
         points = transit(site, site.home_m[:2], end, ground_end_height_m=30.0)
-        check_way_there(site, points)
-        check_way_home(site, points[::-1])
+        check_outbound(site, points)
+        check_return(site, points[::-1])
         np.testing.assert_array_equal(points[-1], end)
         too_high += is_too_high(site, _along(site, points[[0, -1], :2], end, 30.0))
     assert too_high > 0

@@ -14,16 +14,16 @@ from uavcover.errors import InfeasibleError
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.route import Route
-from uavcover.planner.final_changes import surely
-from uavcover.planner.gap_route import MissingCells, few_enough, grid_places, places_around, plan_closing_route
+from uavcover.planner.final_changes import certainly
+from uavcover.planner.gap_route import MissingCells, few_enough, grid_positions, plan_gap_route, positions_around
 from uavcover.planner.search.local_search import SearchStart, Work
-from uavcover.planner.search.route_problem import RouteJudge, RouteProblem, route_problem, share_seen
-from uavcover.planner.set_cover import seen_from_each
+from uavcover.planner.search.route_problem import RouteJudge, RouteProblem, fraction_observed, route_problem
+from uavcover.planner.set_cover import observed_from_each
 from uavcover.planner.terrain_following import PLAIN_TOLERANCE_M, joined, joined_over, lay_over_terrain, route_lattice
 from uavcover.scenario.airspace.lattice import Lattice
 from uavcover.scenario.site import Site, once
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.sensors import whatever_heading
+from uavcover.sensing.sensors import any_heading
 from uavcover.sensing.site_maps import planning_map
 
 _MOST_MISSING = 10_000
@@ -36,7 +36,7 @@ _CLOSE_SAMPLES_M = 1.0
 """Sample spacing over the ground, for joined routes that exceed a limit."""
 
 
-def closed_end(
+def repaired_end(
     work: Work,  # the problem and the remaining budget
     found: Sequence[SearchStart],  # what the stages of the search ended with
     goal: float,  # fraction of the visible ground
@@ -75,11 +75,11 @@ def closed_end(
             continue
         closed = judge.closed(each.route, goal, is_over)
         if closed is not None and cost(closed) < least:
-            best, least = SearchStart(closed, each.seen + lacking), cost(closed)
+            best, least = SearchStart(closed, each.observed + lacking), cost(closed)
     return best
 
 
-def closed_beginning(
+def repaired_start(
     work: Work,  # the problem and the remaining budget
     starts: Sequence[SearchStart],  # the beginnings of the search
     found: Sequence[SearchStart],  # what its stages ended with
@@ -109,30 +109,32 @@ def closed_beginning(
     if goal - before <= tuned.most_short:
         return None
     different = {each.route.length_m: each for each in starts}.values()
-    most = sorted(different, key=lambda each: -each.seen)[: tuned.most_beginnings]
+    most = sorted(different, key=lambda each: -each.observed)[: tuned.most_starts]
     # First those that may reach the goal themselves, the cheapest first.
-    cheapest = sorted((each for each in different if each.seen >= goal), key=lambda each: work.problem.cost(each.route))
+    cheapest = sorted(
+        (each for each in different if each.observed >= goal), key=lambda each: work.problem.cost(each.route)
+    )
     judged: list[tuple[float, SearchStart]] = []
-    for each in dict.fromkeys([*cheapest[: tuned.most_beginnings], *most]):
+    for each in dict.fromkeys([*cheapest[: tuned.most_starts], *most]):
         if is_over():
             return None
         judged.append((judge.coverage(each.route, goal), each))
         if judged[-1][0] >= goal:
             return each
-    judged = [one for one in judged if one[0] >= goal - tuned.most_short_beginning] or [(before, found[-1])]
-    for tried, (seen, each) in enumerate(sorted(judged, key=lambda item: -item[0])):
+    judged = [one for one in judged if one[0] >= goal - tuned.most_short_start] or [(before, found[-1])]
+    for tried, (observed, each) in enumerate(sorted(judged, key=lambda item: -item[0])):
         if is_over() or (ends and tried >= tuned.most_closed):
             break
         route = judge.closed(each.route, goal, is_over)
         if route is not None:
-            ends.append(SearchStart(route, min(1.0, each.seen + max(0.0, goal - seen))))
+            ends.append(SearchStart(route, min(1.0, each.observed + max(0.0, goal - observed))))
     return min(ends, key=lambda end: work.problem.cost(end.route), default=None)
 
 
-def price_between(problem: RouteProblem, less: SearchStart, more: SearchStart) -> float:
+def penalty_between(problem: RouteProblem, less: SearchStart, more: SearchStart) -> float:
     """Cost of full coverage at the rate between two routes, in lengths of the one with more coverage."""
     cost = problem.cost(more.route)
-    return max(0.0, cost - problem.cost(less.route)) / (max(cost, 1e-12) * max(more.seen - less.seen, 1e-3))
+    return max(0.0, cost - problem.cost(less.route)) / (max(cost, 1e-12) * max(more.observed - less.observed, 1e-3))
 
 
 def with_gaps_closed(
@@ -150,9 +152,9 @@ def with_gaps_closed(
     Returns:
         None if the route reaches the goal, if closing its gaps is too slow, or if it exceeds a limit.
     """
-    seen = judging.seen(route.waypoints_m)
-    missing = judging.coverable & ~seen
-    lacking = goal - judging.share_of_coverable(seen)
+    observed = judging.observed(route.waypoints_m)
+    missing = judging.coverable & ~observed
+    lacking = goal - judging.fraction_of_coverable(observed)
     if lacking <= 0.0 or np.count_nonzero(missing) > _MOST_MISSING:
         return None
     if not judging.site.scenario.sensor.looks_along_path:
@@ -164,11 +166,11 @@ def with_gaps_closed(
     useful_m2 = (1.0 - _NEARLY_CLOSED) * lacking * whole_m2
     for more in more_ground:
         over = _over_after(most_trials, is_over)
-        whole = _with_closing(judging, route, missing, more * lacking * whole_m2, useful_m2, over)
+        whole = _with_repair(judging, route, missing, more * lacking * whole_m2, useful_m2, over)
         if whole is None:
             return None
         # After a route, distance-triggered photos fall elsewhere than after home, so more ground may be needed.
-        still_lacking = goal - share_seen(whole, judging)
+        still_lacking = goal - fraction_observed(whole, judging)
         if still_lacking <= 0.0:
             return whole
         if is_over():
@@ -182,11 +184,11 @@ def with_gaps_closed(
 
 def _over_after(trials: int, is_over: Callable[[], bool]) -> Callable[[], bool]:
     """The same test, also True after ``trials`` trials."""
-    asked = itertools.count()
-    return lambda: is_over() or next(asked) >= trials
+    required = itertools.count()
+    return lambda: is_over() or next(required) >= trials
 
 
-def _with_closing(
+def _with_repair(
     judging: CoverageMap,
     route: Route,
     missing: BoolArray,
@@ -198,12 +200,12 @@ def _with_closing(
     site, points = judging.site, route.waypoints_m
     end_m = points[-1] if site.home_m is None else site.home_m
     try:
-        closing = plan_closing_route(
+        repair = plan_gap_route(
             judging, missing, start_m=points[-1], end_m=end_m, needed_m2=needed_m2, useful_m2=useful_m2, is_over=is_over
         )
     except InfeasibleError:
         return None
-    whole = joined(site, [points, closing.route.waypoints_m])
+    whole = joined(site, [points, repair.route.waypoints_m])
     if _breaks_a_limit(site, whole):
         # At a cliff the link may be too steep, so adjust the heights at both ends.
         heights_agl_m = site.ground.heights_agl_m(whole)
@@ -213,9 +215,9 @@ def _with_closing(
     if _breaks_a_limit(site, whole):
         # A path of no length would be no link of a sparse matrix.
         aside_m = np.array([1e-3, 0.0, 0.0])
-        stops = [np.stack([place, place + aside_m]) for place in closing.route.waypoints_m]
+        stops = [np.stack([position, position + aside_m]) for position in repair.route.waypoints_m]
         whole = joined_over(_lattice(site), [points, *stops])
-    return None if _breaks_a_limit(site, whole) else surely(site, Route(whole))
+    return None if _breaks_a_limit(site, whole) else certainly(site, Route(whole))
 
 
 @once
@@ -230,7 +232,7 @@ def _breaks_a_limit(site: Site, points_m: FloatArray) -> bool:
 # Viewpoints put into a route, each where it costs least, until the route observes enough.
 #
 # For sensors that look from waypoints alone: one more waypoint takes nothing from what the others observe. Behind the route,
-# where gaps are closed otherwise (:mod:`uavcover.planner.search.closing`), a viewpoint may be a steep way off.
+# where gaps are closed otherwise (:mod:`uavcover.planner.search.repair`), a viewpoint may be a steep way off.
 
 _MOST_INSERTED = 40
 _MOST_TRIED = 200
@@ -255,40 +257,40 @@ def with_viewpoints(coverage: CoverageMap, route: Route, goal: float, is_over: C
         None if the route already reaches the goal, or if no permitted viewpoints reach it.
     """
     site, points = coverage.site, route.waypoints_m
-    seen = coverage.seen(points)
-    if coverage.share_of_coverable(seen) >= goal:
+    observed = coverage.observed(points)
+    if coverage.fraction_of_coverable(observed) >= goal:
         return None
     for _ in range(_MOST_INSERTED):
-        found = None if is_over() else _one_more(site, coverage, points, seen, goal)
+        found = None if is_over() else _one_more(site, coverage, points, observed, goal)
         if found is None:
             return None
-        before, points = np.count_nonzero(seen), found
-        seen = coverage.seen(points)
-        if coverage.share_of_coverable(seen) >= goal:
+        before, points = np.count_nonzero(observed), found
+        observed = coverage.observed(points)
+        if coverage.fraction_of_coverable(observed) >= goal:
             return Route(points, route.begins)
-        if np.count_nonzero(seen) <= before:
+        if np.count_nonzero(observed) <= before:
             return None
     return None
 
 
 def _one_more(
-    site: Site, coverage: CoverageMap, points_m: FloatArray, seen: BoolArray, goal: float
+    site: Site, coverage: CoverageMap, points_m: FloatArray, observed: BoolArray, goal: float
 ) -> FloatArray | None:
     """The (n, 3) points and one viewpoint with much coverage for its detour; None if none keeps the limits."""
-    unseen = coverage.coverable & ~seen
-    if not unseen.any():
+    unobserved = coverage.coverable & ~observed
+    if not unobserved.any():
         return None
-    missing = MissingCells.of(coverage, unseen)
-    places = np.vstack([
-        grid_places(site, missing), places_around(site, few_enough(missing.cells.centre_m))
+    missing = MissingCells.of(coverage, unobserved)
+    positions = np.vstack([
+        grid_positions(site, missing), positions_around(site, few_enough(missing.cells.centre_m))
     ])  # fmt: skip
-    eyes_m = np.column_stack([places[:, :2], site.ground.ups_m(places[:, :2], places[:, 2])])
+    eyes_m = np.column_stack([positions[:, :2], site.ground.ups_m(positions[:, :2], positions[:, 2])])
     eyes_m = eyes_m[np.isfinite(eyes_m[:, 2])]
-    start, cells = seen_from_each(coverage, eyes_m, missing.numbers, whatever_heading(coverage.sight))
+    start, cells = observed_from_each(coverage, eyes_m, missing.numbers, any_heading(coverage.sight))
     gained_m2 = np.zeros(len(eyes_m))
     np.add.at(gained_m2, np.repeat(np.arange(len(eyes_m)), np.diff(start)), coverage.grid.weight_m2[cells])
     whole_m2 = float(coverage.grid.weight_m2[coverage.coverable].sum())
-    lacking_m2 = (goal - coverage.share_of_coverable(seen)) * whole_m2
+    lacking_m2 = (goal - coverage.fraction_of_coverable(observed)) * whole_m2
     detours_m = _detours_m(site, points_m, eyes_m)
     worth = np.minimum(gained_m2, lacking_m2) / np.maximum(detours_m.min(axis=1), _LEAST_DETOUR_M)
     margin_m = site.scenario.limits.height_margin_m
@@ -302,18 +304,18 @@ def _one_more(
     return None
 
 
-def _detours_m(site: Site, points_m: FloatArray, places_m: FloatArray) -> FloatArray:
+def _detours_m(site: Site, points_m: FloatArray, positions_m: FloatArray) -> FloatArray:
     """(k, n + 1) length added to (n, 3) points by each of (k, 3) points: first, between two points, or last.
 
     Infinite for a leg that is too steep.
     """
-    ways_m = places_m[:, None] - points_m[None]
-    away_m = np.linalg.norm(ways_m, axis=2)
+    offsets_m = positions_m[:, None] - points_m[None]
+    away_m = np.linalg.norm(offsets_m, axis=2)
     steepest = math.tan(math.radians(site.scenario.limits.max_climb_angle_deg))
-    away_m[np.abs(ways_m[..., 2]) > steepest * np.hypot(ways_m[..., 0], ways_m[..., 1])] = math.inf
+    away_m[np.abs(offsets_m[..., 2]) > steepest * np.hypot(offsets_m[..., 0], offsets_m[..., 1])] = math.inf
     first_m, last_m = away_m[:, 0], away_m[:, -1]
     if site.home_m is not None:
-        from_home_m = np.linalg.norm(places_m - site.home_m, axis=1)
+        from_home_m = np.linalg.norm(positions_m - site.home_m, axis=1)
         first_m = first_m + from_home_m - np.linalg.norm(points_m[0] - site.home_m)
         last_m = last_m + from_home_m - np.linalg.norm(points_m[-1] - site.home_m)
     between_m = away_m[:, :-1] + away_m[:, 1:] - np.linalg.norm(np.diff(points_m, axis=0), axis=1)

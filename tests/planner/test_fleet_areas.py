@@ -22,8 +22,8 @@ from uavcover.missions.fleet_schedule import pieces_of, unsafe_starts
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.limits import Home
 from uavcover.planner.command import PlanOutcome, PlanRequest, plan_into
+from uavcover.planner.fleet_areas import is_one_flight_each
 from uavcover.planner.fleet_parts import part_sites
-from uavcover.planner.fleet_shares import is_one_flight_each
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
@@ -42,8 +42,8 @@ def corner(folder: Path, vehicles: int, **changes: float) -> Site:
 
 
 def plan(site: Site, folder: Path, user: Listener | None = None, **request: object) -> PlanOutcome:
-    asked = PlanRequest(scenario=site, folder=folder, command=["test"], force=False, **request)  # type: ignore[arg-type]
-    return plan_into(asked, user or Listener(), check_site=lambda _: None)
+    required = PlanRequest(scenario=site, folder=folder, command=["test"], force=False, **request)  # type: ignore[arg-type]
+    return plan_into(required, user or Listener(), check_site=lambda _: None)
 
 
 @pytest.fixture(scope="module")
@@ -74,8 +74,8 @@ def test_each_vehicle_has_a_pad_and_a_part(planned: RunFolder, said: Listener) -
     assert [row["vehicle"] for row in fleet["by_vehicle"]] == [1, 2, 3]
     assert len(document["part_begins"]) == 2
     assert document["metrics"]["coverage_of_coverable"] >= 0.98
-    places = np.array([own.home_m for own in vehicle_sites(site)])
-    assert min(float(np.hypot(*(a - b)[:2])) for a, b in itertools.combinations(places, 2)) > 45.9
+    positions = np.array([own.home_m for own in vehicle_sites(site)])
+    assert min(float(np.hypot(*(a - b)[:2])) for a, b in itertools.combinations(positions, 2)) > 45.9
     for number, home in enumerate(fleet["homes"], start=1):
         where = f"latitude {home['lat_deg']:.7f}, longitude {home['lon_deg']:.7f}"
         assert any(line.startswith(f"vehicle {number}") and where in line for line in said.lines)
@@ -85,7 +85,7 @@ def test_each_vehicle_has_a_pad_and_a_part(planned: RunFolder, said: Listener) -
         assert kept["mission"]["plannedHomePosition"][:2] == pytest.approx([home["lat_deg"], home["lon_deg"]], abs=1e-7)
         row = (job.folder.path / "mission.waypoints").read_text().splitlines()[1].split("\t")
         assert [float(row[8]), float(row[9])] == pytest.approx([home["lat_deg"], home["lon_deg"]], abs=1e-7)
-        assert np.allclose(job.timeline.place_m[[0, -1]], places[job.vehicle - 1])
+        assert np.allclose(job.timeline.position_m[[0, -1]], positions[job.vehicle - 1])
 
 
 def test_the_parts_are_the_area(planned: RunFolder) -> None:
@@ -121,8 +121,8 @@ def test_equal_seed_equal_plan(planned: RunFolder, tmp_path: Path) -> None:
 
 def test_it_is_flown_and_judged_together(planned: RunFolder, tmp_path: Path) -> None:
     run = copied(planned, tmp_path)
-    _, told = fly(run, Hangar(3, mock), Listener())
-    assert {row["ending"] for row in told["sorties"]} == {"landed"}
+    _, reported = fly(run, Hangar(3, mock), Listener())
+    assert {row["ending"] for row in reported["sorties"]} == {"landed"}
     document = judged(run)
     assert document["verdict"] == "passed", document["reasons"] + document["doubts"]
     assert document["coverage_fraction"] >= document["planned_coverage_fraction"] - 0.005
@@ -133,7 +133,7 @@ def test_a_vehicle_on_another_pad_is_refused(planned: RunFolder, tmp_path: Path)
     sites = vehicle_sites(load_site(load_scenario(run.file("scenario.toml"))))
 
     def make(number: int, sortie: int, site: Site) -> MockVehicle:
-        return mock(number, sortie, site, place=home_of(sites[{1: 0, 2: 2, 3: 1}[number]]))
+        return mock(number, sortie, site, position=home_of(sites[{1: 0, 2: 2, 3: 1}[number]]))
 
     with pytest.raises(FleetFailedError, match=r"from the planned home.*it stands at the home of vehicle 3"):
         fly(run, Hangar(3, make), Listener())

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tests.naive.flown_line import px4_begins, turning
-from uavcover.kernels import turning_nose
+from uavcover.kernels import yaw_in_turns
 from uavcover.kernels.flight_time import BRAKED, Pace
-from uavcover.kernels.turning_nose import Pieces, braked_speeds_m_s, turned_line
+from uavcover.kernels.yaw_in_turns import Pieces, braked_speeds_m_s, turned_line
 from uavcover.mock.behaviour import GUIDANCE
 
 PACE = Pace(
@@ -33,10 +33,10 @@ def off_deg(one, other):
     return np.abs((one - other + 180.0) % 360.0 - 180.0)
 
 
-def piece_at(places_m, way_m):
+def piece_at(positions_m, path_m):
     """(m,) number of the piece that is flown so many (m,) metres from the beginning."""
-    ends_m = np.cumsum(np.linalg.norm(np.diff(places_m, axis=0), axis=1))
-    return np.searchsorted(ends_m, way_m)
+    ends_m = np.cumsum(np.linalg.norm(np.diff(positions_m, axis=0), axis=1))
+    return np.searchsorted(ends_m, path_m)
 
 
 @pytest.mark.parametrize("acceleration_deg_s2", [math.inf, 20.0])
@@ -45,19 +45,19 @@ def piece_at(places_m, way_m):
 def test_the_nose_turns_as_in_small_steps_of_time(name, before, acceleration_deg_s2):
     pace = PACE._replace(yaw_acceleration_deg_s2=acceleration_deg_s2)
     line = np.array(ROUTES[name], dtype=float)
-    ways, legs = np.diff(line[:, :2], axis=0), np.zeros(len(line) - 1)
-    begins = braked_speeds_m_s(PACE, ways, np.array(before))
+    paths, legs = np.diff(line[:, :2], axis=0), np.zeros(len(line) - 1)
+    begins = braked_speeds_m_s(PACE, paths, np.array(before))
     np.testing.assert_allclose(begins, px4_begins(line, before, 10.0), atol=1e-4)
     sizes_m = np.linalg.norm(np.diff(line, axis=0), axis=1)
-    turned = turned_line(pace, line, Pieces(ways, legs, sizes_m, begins), np.array(before))
-    slowly, noses = turning(
-        line, legs, ways, begins, before, PACE.cruise_m_s, PACE.acceleration_m_s2, step_s=0.002,
+    turned = turned_line(pace, line, Pieces(paths, legs, sizes_m, begins), np.array(before))
+    slowly, yaws = turning(
+        line, legs, paths, begins, before, PACE.cruise_m_s, PACE.acceleration_m_s2, step_s=0.002,
         yaw_acceleration_deg_s2=acceleration_deg_s2,
     )  # fmt: skip
-    np.testing.assert_array_equal(turned.places_m[turned.numbers], line)
+    np.testing.assert_array_equal(turned.positions_m[turned.numbers], line)
     length_m = float(sizes_m.sum())
-    way_m = np.linspace(0.01, length_m - 0.01, 4_000)
-    mine, theirs = turned.headings[piece_at(turned.places_m, way_m)], np.array(noses)[piece_at(slowly, way_m)]
+    path_m = np.linspace(0.01, length_m - 0.01, 4_000)
+    mine, theirs = turned.headings[piece_at(turned.positions_m, path_m)], np.array(yaws)[piece_at(slowly, path_m)]
     np.testing.assert_array_equal(mine.any(axis=1), theirs.any(axis=1))
     known = mine.any(axis=1)
     off = off_deg(courses_deg(mine[known]), courses_deg(theirs[known]))
@@ -68,24 +68,24 @@ def test_the_nose_turns_as_in_small_steps_of_time(name, before, acceleration_deg
 
 def test_px4_is_late_as_the_mock_vehicle_is():
     """The mock shares no code with the planner; these three were measured once, for both."""
-    in_plans = turning_nose._LACKING, turning_nose._MADE_UP, turning_nose._LACKING_LONGER
-    assert in_plans == (GUIDANCE.late_share, GUIDANCE.kept_share, GUIDANCE.longer_ratio)
+    in_plans = yaw_in_turns._LACKING, yaw_in_turns._MADE_UP, yaw_in_turns._LACKING_LONGER
+    assert in_plans == (GUIDANCE.late_fraction, GUIDANCE.kept_fraction, GUIDANCE.longer_ratio)
 
 
 def test_the_nose_is_late_on_pieces_of_corners_and_on_the_legs_behind_them():
     # Two pieces of a corner to the north; the nose, which points east, has turned by 60 degrees behind them.
     line = np.array([[0.0, 0, 60], [1.0, 0, 60], [1.0, 1.0, 60], [1.0, 2.0, 60], [1.0, 90.0, 60]])
-    ways = np.diff(line[:, :2], axis=0)
+    paths = np.diff(line[:, :2], axis=0)
     pieces = Pieces(
-        ways, np.array([0.5, 0.5, 0.5, 0.0]), np.array([1.0, 1.0, 1.0, 88.0]), np.array([0.0, 0.0, 0.0, 2.0])
+        paths, np.array([0.5, 0.5, 0.5, 0.0]), np.array([1.0, 1.0, 1.0, 88.0]), np.array([0.0, 0.0, 0.0, 2.0])
     )
-    turned = turned_line(PACE, line, pieces, ways[0])
+    turned = turned_line(PACE, line, pieces, paths[0])
     headings = courses_deg(turned.headings)
     np.testing.assert_allclose(headings[:3], [90.0, 90.0 - 0.5 * PACE.yaw_rate_deg_s, 90.0 - PACE.yaw_rate_deg_s])
     # From there 30 degrees in half a second, at 2 m/s and more.
     np.testing.assert_allclose(headings[3:], [*np.arange(28.5, 0.0, -3.0), 0.0], atol=1e-9)
     speed_m_s, half_s = 2.0, 0.5
-    assert turned.places_m[-2, 1] - 2.0 == pytest.approx(speed_m_s * half_s + 0.5 * 3.0 * half_s**2)
+    assert turned.positions_m[-2, 1] - 2.0 == pytest.approx(speed_m_s * half_s + 0.5 * 3.0 * half_s**2)
 
 
 @pytest.mark.parametrize("turn_rad", [0.0, 1e-12, 1e-3, 3.0])
@@ -93,8 +93,8 @@ def test_on_a_leg_without_length_the_nose_stays(turn_rad):
     line = np.array(
         [[0.0, 0.0, 60.0], [50.0, 0.0, 60.0], [50.0 + 2.0 * math.cos(turn_rad), 2.0 * math.sin(turn_rad), 60.0]]
     )
-    ways = np.diff(line[:, :2], axis=0)
-    pieces = Pieces(ways, np.zeros(2), np.array([50.0, 0.0]), np.zeros(2))
-    turned = turned_line(PACE, line, pieces, ways[0])
-    np.testing.assert_array_equal(turned.places_m, line)
+    paths = np.diff(line[:, :2], axis=0)
+    pieces = Pieces(paths, np.zeros(2), np.array([50.0, 0.0]), np.zeros(2))
+    turned = turned_line(PACE, line, pieces, paths[0])
+    np.testing.assert_array_equal(turned.positions_m, line)
     np.testing.assert_allclose(courses_deg(turned.headings), 90.0, atol=1e-6)

@@ -3,8 +3,8 @@
 The aim of a level vehicle's camera is the same all along a leg, and the side planes of its photo are linear along it. Of every
 cell of a row, four quotients tell the part of the leg that has the cell between these planes, without a branch. One sample of
 that part, the nearest, is then asked for range, incidence, ground sample distance and whether its ray is steeper than anything
-around; for photos by distance, both ends and the middle of one stretch (``leg_surely_shows``). Cells that are not decided so
-are tried one by one, as all are on the slow path; both give the same cells.
+around; for photos by distance, both ends and the middle of one stretch (``leg_certainly_observes``). Other cells are tried one
+by one, as all are on the slow path; both give the same cells.
 """
 
 import math
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from uavcover.kernels.arrays import Point
 from uavcover.kernels.cells import Cells
 from uavcover.kernels.jit import allocating_kernel, kernel
-from uavcover.kernels.leg_visibility import leg_sees_cell, leg_surely_shows, samples_of_leg
+from uavcover.kernels.leg_visibility import leg_certainly_observes, leg_observes_cell, samples_of_leg
 from uavcover.kernels.nadir_visibility import NOT_SO, columns_in_reach, laid_out, lowest_around, steepest_around
 from uavcover.kernels.sight import (
     FRUSTUM,
@@ -37,15 +37,15 @@ _WHOLE = 1.5 * 2.0**52
 """Adding it to a number of ordinary size removes the fraction."""
 _NEARLY_HALF = 0.5 - 1e-9
 
-_SURELY = 1e-9
+_CERTAINLY = 1e-9
 _PERHAPS = 1e-6
 """Fractions of a leg by which a place is inside of the photo for sure, or may be inside of it."""
 
 _INWARD = 0.02
-"""As in ``leg_surely_shows``: the stretch that is tried keeps this fraction of its room from both ends."""
+"""As in ``leg_certainly_observes``: the stretch that is tried keeps this fraction of its room from both ends."""
 
 
-class PictureCells(NamedTuple):
+class PhotoCells(NamedTuple):
     """Cells in the form of the fast path; all (0, 0) and (0,) for other sensors.
 
     Attributes:
@@ -69,7 +69,7 @@ class PictureCells(NamedTuple):
     column_north_m: NDArray[np.float64]
 
 
-def picture_cells(surface: Surface, sight: Sight, cells: Cells) -> PictureCells:
+def photo_cells(surface: Surface, sight: Sight, cells: Cells) -> PhotoCells:
     """Lay out cells for the fast path; empty for other sensors."""
     there = cells.lattice >= 0
     numbers = cells.lattice[there]
@@ -81,14 +81,14 @@ def picture_cells(surface: Surface, sight: Sight, cells: Cells) -> PictureCells:
 
     if sight.kind != FRUSTUM or sight.line_of_sight not in (NO_LINE_OF_SIGHT, RAY) or sight.cos_max_incidence < 0.0:
         no, none = np.empty((0, 0)), np.empty(0)
-        made = PictureCells(no, no.copy(), no.copy(), no.copy(), no.copy(), no.copy(), none, none.copy())
+        made = PhotoCells(no, no.copy(), no.copy(), no.copy(), no.copy(), no.copy(), none, none.copy())
     else:
         clear = np.zeros(len(numbers))
         if sight.line_of_sight == RAY:
             clear = np.maximum(cells.horizon[numbers], steepest_around(surface, cells)[numbers])
         up_m, lowest_m, row_east_m, column_north_m = laid_out(cells)
         east, north, up = (on_lattice(cells.normal[numbers, axis]) for axis in range(3))
-        made = PictureCells(up_m, east, north, up, on_lattice(clear**2), lowest_m, row_east_m, column_north_m)
+        made = PhotoCells(up_m, east, north, up, on_lattice(clear**2), lowest_m, row_east_m, column_north_m)
     for array in made:
         array.flags.writeable = False
     return made
@@ -138,11 +138,11 @@ def _planes(sight: Sight, aim: Aim, d: Point) -> _Planes:
 
 
 @allocating_kernel
-def list_picture_runs(
+def list_photo_runs(
     surface: Surface,
     sight: Sight,
     cells: Cells,
-    quick: PictureCells,
+    quick: PhotoCells,
     p: Point,
     q: Point,
     spacing: float,
@@ -156,7 +156,7 @@ def list_picture_runs(
         surface: the ground.
         sight: the sensor, a frustum.
         cells: of the area.
-        quick: the same, laid out by :func:`picture_cells`.
+        quick: the same, laid out by :func:`photo_cells`.
         p: east, north, up of one end, metres, finite.
         q: of the other end; the same for a single place.
         spacing: largest distance between samples, metres.
@@ -200,19 +200,19 @@ def list_picture_runs(
         _mark_row(sight, cells, quick, planes, i, first, last, begin, d, pieces, half, trigger, row)
         inside = False
         for j in range(first, last + 1):
-            seen = row[j - first] == _INSIDE
+            observed = row[j - first] == _INSIDE
             if row[j - first] == _TO_BE_TRIED:
                 cell = cells.lattice[i, j]
                 if trigger > 0.0:
-                    seen = leg_surely_shows(surface, sight, cells, cell, p, (de, dn, du), trigger, over_nodes)
+                    observed = leg_certainly_observes(surface, sight, cells, cell, p, (de, dn, du), trigger, over_nodes)
                 else:
-                    seen = leg_sees_cell(surface, sight, cells, cell, p, (de, dn, du), pieces, over_nodes)
-            if seen != inside:
+                    observed = leg_observes_cell(surface, sight, cells, cell, p, (de, dn, du), pieces, over_nodes)
+            if observed != inside:
                 if count == out.size:
                     return -1
                 out[count] = i * columns + j
                 count += 1
-                inside = seen
+                inside = observed
         if inside:
             if count == out.size:
                 return -1
@@ -225,7 +225,7 @@ def list_picture_runs(
 def _mark_row(
     sight: Sight,
     cells: Cells,
-    quick: PictureCells,
+    quick: PhotoCells,
     planes: _Planes,
     i: int,
     first: int,
@@ -251,9 +251,9 @@ def _mark_row(
     ca, cb, cc, ce = planes.closes[0], planes.closes[1], planes.closes[2], planes.closes[3]
     fa, fb, fc, fe = planes.fixed[0], planes.fixed[1], planes.fixed[2], planes.fixed[3]
     some_fixed = max(max(fa, fb), max(fc, fe))
-    range2 = sight.reach_m * sight.reach_m * (1.0 - _SURELY)
-    steepest2 = sight.cos_max_incidence * sight.cos_max_incidence * (1.0 + _SURELY)
-    coarsest2 = sight.sample_focal_m * sight.sample_focal_m * (1.0 - _SURELY)
+    range2 = sight.reach_m * sight.reach_m * (1.0 - _CERTAINLY)
+    steepest2 = sight.cos_max_incidence * sight.cos_max_incidence * (1.0 + _CERTAINLY)
+    coarsest2 = sight.sample_focal_m * sight.sample_focal_m * (1.0 - _CERTAINLY)
     # The normals of two opposite planes add up to the axis.
     scale = -0.5 / sight.tan_half_fov
     axis_e, axis_n, axis_u = scale * (a0 + b0), scale * (a1 + b1), scale * (a2 + b2)
@@ -279,7 +279,7 @@ def _mark_row(
         # A comparison with NaN is False: no cell, not in view.
         size = abs(ae) + abs(an) + abs(au)
         perhaps = beside >= -_PERHAPS * size
-        easy = beside >= _SURELY * some_fixed * size
+        easy = beside >= _CERTAINLY * some_fixed * size
         nearest = -(ae * de + an * dn) * per_length2
         if by_distance:
             # Where the range ends nothing, the stretch is the one that the slow path tries first.
@@ -298,21 +298,21 @@ def _mark_row(
             highest = (high * samples + slack - _NEARLY_HALF + _WHOLE) - _WHOLE
             perhaps &= lowest <= highest
             t = min(highest, max(lowest, (nearest * samples + _WHOLE) - _WHOLE)) * piece
-            easy &= ((t >= low + _SURELY) | (low <= 0.0)) & ((t <= high - _SURELY) | (high >= 1.0))
-        easy &= _seen_from(ae + t * de, an + t * dn, au + t * du, axis_e, axis_n, axis_u, normal_e[j], normal_n[j],
+            easy &= ((t >= low + _CERTAINLY) | (low <= 0.0)) & ((t <= high - _CERTAINLY) | (high >= 1.0))
+        easy &= _observed_from(ae + t * de, an + t * dn, au + t * du, axis_e, axis_n, axis_u, normal_e[j], normal_n[j],
                            normal_u[j], range2, steepest2, coarsest2, clear2[j])  # fmt: skip
         if by_distance:
             s = t - half
-            easy &= _seen_from(ae + s * de, an + s * dn, au + s * du, axis_e, axis_n, axis_u, normal_e[j], normal_n[j],
+            easy &= _observed_from(ae + s * de, an + s * dn, au + s * du, axis_e, axis_n, axis_u, normal_e[j], normal_n[j],
                                normal_u[j], range2, steepest2, coarsest2, clear2[j])  # fmt: skip
             s = t + half
-            easy &= _seen_from(ae + s * de, an + s * dn, au + s * du, axis_e, axis_n, axis_u, normal_e[j], normal_n[j],
+            easy &= _observed_from(ae + s * de, an + s * dn, au + s * du, axis_e, axis_n, axis_u, normal_e[j], normal_n[j],
                                normal_u[j], range2, steepest2, coarsest2, clear2[j])  # fmt: skip
         row[j] = perhaps * (_TO_BE_TRIED - easy)
 
 
 @kernel
-def _seen_from(
+def _observed_from(
     e: float, n: float, u: float, axis_e: float, axis_n: float, axis_u: float, ne: float, nn: float, nu: float,
     range2: float, steepest2: float, coarsest2: float, clear2: float,
 ) -> bool:  # fmt: skip

@@ -15,7 +15,7 @@ from tests.naive import runs as naive_runs
 from uavcover.kernels.horizon import rises
 from uavcover.kernels.leg_visibility import list_cells
 from uavcover.kernels.nadir_visibility import NOT_SO
-from uavcover.kernels.picture_visibility import list_picture_runs, picture_cells
+from uavcover.kernels.photo_visibility import list_photo_runs, photo_cells
 from uavcover.kernels.search_problem import ALONG_PATH
 from uavcover.kernels.sight import CONE, FRUSTUM, MIDPOINT, NO_LINE_OF_SIGHT, RAY, Sight
 from uavcover.kernels.surface import GRID
@@ -24,7 +24,7 @@ from uavcover.terrain.ground import sine_cosine_ground
 deterministic = settings(derandomize=True, deadline=None, max_examples=cases(compiled=80, interpreted=8))
 
 
-def picture(pitch_deg, across, along, heading_deg, reach_m, cos_incidence, line_of_sight, sample_m):
+def photo(pitch_deg, across, along, heading_deg, reach_m, cos_incidence, line_of_sight, sample_m):
     pitch = math.radians(pitch_deg)
     he, hn = (math.nan, math.nan)
     if heading_deg is not None:
@@ -45,7 +45,7 @@ def picture(pitch_deg, across, along, heading_deg, reach_m, cos_incidence, line_
 
 
 SIGHTS = st.builds(
-    picture,
+    photo,
     pitch_deg=st.sampled_from([-90.0, -70.0, -45.0, -20.0]),
     across=st.sampled_from([0.3, 0.8]),
     along=st.sampled_from([0.2, 0.6]),
@@ -69,8 +69,8 @@ def listed(surface, sight, cells, p, q, spacing, trigger=0.0):
     out = np.full(400, -7, dtype=np.int32)
     row = np.zeros(cells.lattice.shape[1], dtype=np.uint8)
     ends = tuple(map(float, p)), tuple(map(float, q))
-    quick = picture_cells(surface, sight, cells)
-    found = list_picture_runs(surface, sight, cells, quick, *ends, spacing, trigger, row, out)
+    quick = photo_cells(surface, sight, cells)
+    found = list_photo_runs(surface, sight, cells, quick, *ends, spacing, trigger, row, out)
     if found == NOT_SO:
         return None
     assert (np.diff(out[:found]) >= 0).all()
@@ -131,7 +131,7 @@ def test_the_quick_way_shows_what_the_slow_one_surely_shows(seed, sight, trigger
 def test_a_picture_shows_something():
     surface = sine_cosine_ground(1.0).surface
     cells = cells_on(surface, 5)
-    sight = picture(-70.0, 0.8, 0.6, None, 5.0, 0.2, RAY, math.inf)
+    sight = photo(-70.0, 0.8, 0.6, None, 5.0, 0.2, RAY, math.inf)
     shown = listed(surface, sight, cells, (0.0, 3.0, 2.0), (2.0, 4.0, 2.0), 0.3)
     assert 10 < len(shown) < len(cells.centre_m)
 
@@ -140,10 +140,10 @@ def test_a_picture_shows_something():
     ("sight", "p", "q"),
     [
         (Sight(CONE, 2.0, 0.7, 0.1, RAY), (1.0, 3.0, 2.0), (2.0, 3.0, 2.0)),
-        (picture(-70.0, 0.8, 0.6, None, 5.0, 0.2, MIDPOINT, math.inf), (1.0, 3.0, 2.0), (2.0, 3.0, 2.0)),
-        (picture(-70.0, 0.8, 0.6, None, 5.0, -0.5, RAY, math.inf), (1.0, 3.0, 2.0), (2.0, 3.0, 2.0)),
-        (picture(-70.0, 0.8, 0.6, 20.0, 5.0, 0.2, RAY, math.inf), (1.0, 3.0, 2.0), (1.0, 3.0, 3.0)),
-        (picture(-70.0, 0.8, 0.6, None, 5.0, 0.2, RAY, math.inf), (1.0, 3.0, 2.0), (1.0, 3.0, 2.0)),
+        (photo(-70.0, 0.8, 0.6, None, 5.0, 0.2, MIDPOINT, math.inf), (1.0, 3.0, 2.0), (2.0, 3.0, 2.0)),
+        (photo(-70.0, 0.8, 0.6, None, 5.0, -0.5, RAY, math.inf), (1.0, 3.0, 2.0), (2.0, 3.0, 2.0)),
+        (photo(-70.0, 0.8, 0.6, 20.0, 5.0, 0.2, RAY, math.inf), (1.0, 3.0, 2.0), (1.0, 3.0, 3.0)),
+        (photo(-70.0, 0.8, 0.6, None, 5.0, 0.2, RAY, math.inf), (1.0, 3.0, 2.0), (1.0, 3.0, 2.0)),
     ],
 )
 def test_there_is_no_quick_way_for_other_sensors_and_vertical_legs(sight, p, q):
@@ -154,8 +154,8 @@ def test_there_is_no_quick_way_for_other_sensors_and_vertical_legs(sight, p, q):
 def test_regression_every_sensor_is_compiled_for_once():
     surface = sine_cosine_ground(1.0).surface
     cells = cells_on(surface)
-    sights = Sight(CONE, 2.0, 0.7, 0.1, RAY), picture(-70.0, 0.8, 0.6, None, 5.0, 0.2, RAY, math.inf)
-    cone, frustum = (numba.typeof(picture_cells(surface, sight, cells)) for sight in sights)
+    sights = Sight(CONE, 2.0, 0.7, 0.1, RAY), photo(-70.0, 0.8, 0.6, None, 5.0, 0.2, RAY, math.inf)
+    cone, frustum = (numba.typeof(photo_cells(surface, sight, cells)) for sight in sights)
     assert cone == frustum
     assert numba.typeof(cells) == numba.typeof(with_rises(surface, sights[0], cells))
 
@@ -163,13 +163,13 @@ def test_regression_every_sensor_is_compiled_for_once():
 def test_runs_that_do_not_fit_say_so():
     surface = sine_cosine_ground(1.0).surface
     cells = cells_on(surface)
-    sight = picture(-90.0, 0.8, 0.8, 0.0, 9.0, 0.0, NO_LINE_OF_SIGHT, math.inf)
+    sight = photo(-90.0, 0.8, 0.8, 0.0, 9.0, 0.0, NO_LINE_OF_SIGHT, math.inf)
     row = np.zeros(cells.lattice.shape[1], dtype=np.uint8)
-    place = (1.0, 3.0, 2.5)
-    quick = picture_cells(surface, sight, cells)
+    position = (1.0, 3.0, 2.5)
+    quick = photo_cells(surface, sight, cells)
     for room in (3, 4):
         out = np.zeros(room, dtype=np.int32)
-        assert list_picture_runs(surface, sight, cells, quick, place, place, 1.0, 0.0, row, out) == -1
+        assert list_photo_runs(surface, sight, cells, quick, position, position, 1.0, 0.0, row, out) == -1
 
 
 def test_the_ground_of_these_tests_is_of_both_kinds():

@@ -15,8 +15,8 @@ from uavcover.model.route import Route
 from uavcover.model.sensor import FrameCamera
 from uavcover.planner.baselines.boustrophedon import fly_layout, plain_boustrophedon
 from uavcover.planner.search import goal_search
-from uavcover.planner.search.closing import closed_beginning, closed_end, with_gaps_closed
 from uavcover.planner.search.local_search import SearchStart
+from uavcover.planner.search.repair import repaired_end, repaired_start, with_gaps_closed
 from uavcover.planner.search.route_problem import RouteJudge
 from uavcover.planner.search.tuning import TUNED
 from uavcover.sensing.site_maps import judging_map
@@ -30,12 +30,12 @@ def test_gaps_of_a_route_are_closed_behind_it(ups: Ups) -> None:
     whole = fly_layout(site, plain_boustrophedon(site)).waypoints_m
     for goal in (0.9, 0.97):
         cut = Route(whole[: 2 * len(whole) // 3])
-        before = judging.share_of_coverable(judging.seen(cut.waypoints_m))
+        before = judging.fraction_of_coverable(judging.observed(cut.waypoints_m))
         assert before < goal
         closed = with_gaps_closed(judging, cut, goal, TUNED.goal.closed, lambda: False, most_trials=1000)
         assert closed is not None
         np.testing.assert_array_equal(closed.waypoints_m[: len(cut)], cut.waypoints_m)
-        assert judging.share_of_coverable(judging.seen(closed.waypoints_m)) >= goal
+        assert judging.fraction_of_coverable(judging.observed(closed.waypoints_m)) >= goal
         assert measure_violations(site, closed.waypoints_m, margin_m=0.0).total == 0.0
     assert with_gaps_closed(judging, Route(whole), 0.5, TUNED.goal.closed, lambda: False, most_trials=1000) is None
     assert with_gaps_closed(judging, cut, 1.5, TUNED.goal.closed, lambda: False, most_trials=1000) is None
@@ -46,17 +46,17 @@ def test_trials_to_make_a_closing_shorter_are_counted() -> None:
     judging = judging_map(site)
     whole = fly_layout(site, plain_boustrophedon(site)).waypoints_m
     cut = Route(whole[: len(whole) // 2])
-    asked = {20: 0, 1000: 0}
-    for trials in asked:
+    required = {20: 0, 1000: 0}
+    for trials in required:
 
         def is_over(trials: int = trials) -> bool:
-            asked[trials] += 1
+            required[trials] += 1
             return False
 
         closed = with_gaps_closed(judging, cut, 0.95, TUNED.goal.closed, is_over, most_trials=trials)
         assert closed is not None
-        assert judging.share_of_coverable(judging.seen(closed.waypoints_m)) >= 0.95
-    assert 20 <= asked[20] <= 30 < asked[1000]
+        assert judging.fraction_of_coverable(judging.observed(closed.waypoints_m)) >= 0.95
+    assert 20 <= required[20] <= 30 < required[1000]
 
 
 def canyon(east: np.ndarray, north: np.ndarray) -> np.ndarray:
@@ -84,24 +84,24 @@ def test_gaps_are_closed_while_there_is_time_for_it_and_not_afterwards() -> None
     problem = SimpleNamespace(cost=lambda route: route.length_m)
     work: Any = SimpleNamespace(stopped=False, pace=pace, tuning=TUNED, problem=problem)
     route = Route(np.array([[0.0, 0.0, 80.0], [100.0, 0.0, 80.0]]))
-    told = []
+    reported = []
 
     def closed(whole: Route, goal: float, is_over: Callable[[], bool]) -> Route:
-        told.append((goal, is_over()))
+        reported.append((goal, is_over()))
         pace.fraction = 0.86
-        told.append((goal, is_over()))
+        reported.append((goal, is_over()))
         return whole
 
     judge = RouteJudge(lambda _, __: 0.97, lambda _: None, closed)
     found = [SearchStart(route, 0.97)]
-    assert closed_end(work, found, 0.98, judge, until=0.85) is not None
-    assert told == [(0.98, False), (0.98, True)]
-    assert closed_end(work, found, 0.98, judge, until=0.85) is None
-    assert len(told) == 2
+    assert repaired_end(work, found, 0.98, judge, until=0.85) is not None
+    assert reported == [(0.98, False), (0.98, True)]
+    assert repaired_end(work, found, 0.98, judge, until=0.85) is None
+    assert len(reported) == 2
 
 
 @pytest.mark.parametrize(
-    ("judging", "closing", "closes", "judged", "closed"),
+    ("judging", "repair", "closes", "judged", "closed"),
     [
         (0.0, 0.1, True, 5, 2),
         (0.0, 0.2, True, 5, 1),
@@ -112,7 +112,7 @@ def test_gaps_are_closed_while_there_is_time_for_it_and_not_afterwards() -> None
     ids=["time for two", "over after one", "none closes", "none of all closes", "over while beginnings are judged"],
 )
 def test_beginnings_are_closed_while_there_is_time_for_it(
-    judging: float, closing: float, closes: bool, judged: int, closed: int
+    judging: float, repair: float, closes: bool, judged: int, closed: int
 ) -> None:
     """By a clock that each judgement and each closing moves on, from 0.5 to 0.7; to 0.9 while none is closed."""
     pace = SimpleNamespace(fraction=0.5)
@@ -130,11 +130,11 @@ def test_beginnings_are_closed_while_there_is_time_for_it(
 
     def close(route: Route, _goal: float, _is_over: Callable[[], bool]) -> Route | None:
         calls.append("closed")
-        pace.fraction += closing
+        pace.fraction += repair
         return route if closes else None
 
     judge = RouteJudge(judge_coverage, lambda _: None, close)
-    found = closed_beginning(work, starts, starts[-1:], 0.98, judge, until=0.7, at_last=0.9)
+    found = repaired_start(work, starts, starts[-1:], 0.98, judge, until=0.7, at_last=0.9)
     assert (found is not None) == closes
     assert (calls.count("judged"), calls.count("closed")) == (judged, closed)
 
@@ -149,15 +149,15 @@ def test_the_cheapest_beginning_that_sees_enough_needs_no_closing() -> None:
     starts = [SearchStart(Route(np.array([[0.0, 0.0, 80.0], [m, 0.0, 80.0]])), 0.981) for m in (300.0, 100.0, 200.0)]
     ended = SearchStart(Route(np.array([[0.0, 0.0, 80.0], [50.0, 0.0, 80.0]])), 0.9)
     judge = RouteJudge(lambda route, _: judged.get(route.length_m, 0.8), lambda _: None)
-    assert closed_beginning(work, starts, [ended], 0.98, judge, until=0.7, at_last=0.9) is starts[2]
+    assert repaired_start(work, starts, [ended], 0.98, judge, until=0.7, at_last=0.9) is starts[2]
 
 
 @pytest.mark.parametrize(("least_short", "tried"), [(0, [100.0]), (1, [90.0, 100.0]), (2, [90.0, 80.0, 100.0])])
 def test_the_ends_that_are_the_least_short_are_closed_beside_the_last(least_short: int, tried: list[float]) -> None:
-    judged, asked = {80.0: 0.965, 90.0: 0.975, 100.0: 0.96}, []
+    judged, required = {80.0: 0.965, 90.0: 0.975, 100.0: 0.96}, []
 
     def closed(route: Route, _goal: float, _is_over: Callable[[], bool]) -> Route:
-        asked.append(route.length_m)
+        required.append(route.length_m)
         return Route(10.0 * route.waypoints_m)
 
     work: Any = SimpleNamespace(
@@ -166,8 +166,8 @@ def test_the_ends_that_are_the_least_short_are_closed_beside_the_last(least_shor
     )  # fmt: skip
     found = [SearchStart(Route(np.array([[0.0, 0.0, 80.0], [m, 0.0, 80.0]])), 0.97) for m in (80.0, 90.0, 100.0)]
     judge = RouteJudge(lambda route, _: judged[route.length_m], lambda _: None, closed)
-    assert closed_end(work, found, 0.98, judge, until=0.9, least_short=least_short) is not None
-    assert asked == tried
+    assert repaired_end(work, found, 0.98, judge, until=0.9, least_short=least_short) is not None
+    assert required == tried
 
 
 @pytest.mark.parametrize(("goal", "tried", "best_m"), [(0.98, [100.0], 300.0), (0.999, [80.0, 90.0, 100.0], 150.0)])
@@ -179,19 +179,19 @@ def test_where_nearly_all_is_to_be_seen_the_end_of_every_stage_is_closed(
     def line(length_m: float) -> Route:
         return Route(np.array([[0.0, 0.0, 80.0], [length_m, 0.0, 80.0]]))
 
-    more_m, asked = {80.0: 230.0, 90.0: 60.0, 100.0: 200.0}, []
+    more_m, required = {80.0: 230.0, 90.0: 60.0, 100.0: 200.0}, []
 
     def closed(route: Route, _goal: float, _is_over: Callable[[], bool]) -> Route:
-        asked.append(route.length_m)
+        required.append(route.length_m)
         return line(route.length_m + more_m[route.length_m])
 
     problem = SimpleNamespace(cost=lambda route: route.length_m)
     work: Any = SimpleNamespace(stopped=False, pace=SimpleNamespace(fraction=0.5), tuning=TUNED, problem=problem)
     found = [SearchStart(line(length_m), goal - 0.01) for length_m in (80.0, 90.0, 100.0)]
     judge = RouteJudge(lambda _, goal: goal - 0.01, lambda _: None, closed)
-    end = closed_end(work, found, goal, judge, until=0.9)
+    end = repaired_end(work, found, goal, judge, until=0.9)
     assert end is not None
-    assert asked == tried
+    assert required == tried
     assert end.route.length_m == best_m
 
 
@@ -204,10 +204,10 @@ def test_where_nearly_all_is_to_be_seen_an_end_that_sees_it_is_the_most_that_clo
     def line(length_m: float) -> Route:
         return Route(np.array([[0.0, 0.0, 80.0], [length_m, 0.0, 80.0]]))
 
-    asked: list[float] = []
+    required: list[float] = []
 
     def closed(route: Route, _goal: float, _is_over: Callable[[], bool]) -> Route:
-        asked.append(route.length_m)
+        required.append(route.length_m)
         return line(route.length_m + 5.0)
 
     problem = SimpleNamespace(cost=lambda route: route.length_m)
@@ -215,8 +215,8 @@ def test_where_nearly_all_is_to_be_seen_an_end_that_sees_it_is_the_most_that_clo
     lengths = (80.0, 90.0, 100.0) if judged == 80.0 else (90.0, 100.0)
     found = [SearchStart(line(length_m), 0.99) for length_m in lengths]
     judge = RouteJudge(lambda route, goal: goal - (0.0 if route.length_m == judged else 0.01), lambda _: None, closed)
-    end = closed_end(work, found, 0.999, judge, until=0.9)
-    assert asked == tried
+    end = repaired_end(work, found, 0.999, judge, until=0.9)
+    assert required == tried
     assert (None if end is None else end.route.length_m) == best_m
 
 
@@ -243,7 +243,7 @@ def test_a_short_beginning_is_no_bargain_for_the_ground_that_it_misses() -> None
 
 
 @pytest.mark.parametrize(
-    ("closing", "ends_short", "shares", "end"),
+    ("repair", "ends_short", "fractions", "end"),
     [
         (0.0, 0, [(0.6, 0.7)], 0.7),
         (0.0, 1, [(0.6, 0.7), (0.7, 0.8)], 0.8),
@@ -253,10 +253,10 @@ def test_a_short_beginning_is_no_bargain_for_the_ground_that_it_misses() -> None
     ids=["reaches its goal", "ends short once", "closing takes long", "ends short every time"],
 )
 def test_a_search_goes_on_from_closed_gaps_however_long_closing_took(
-    monkeypatch: pytest.MonkeyPatch, closing: float, ends_short: int, shares: list[tuple[float, float]], end: float
+    monkeypatch: pytest.MonkeyPatch, repair: float, ends_short: int, fractions: list[tuple[float, float]], end: float
 ) -> None:
     """Closed gaps that nothing made shorter took 1,000 s over a canyon where 740 s are enough."""
-    pace = SimpleNamespace(fraction=0.6 + closing)
+    pace = SimpleNamespace(fraction=0.6 + repair)
     problem = SimpleNamespace(cost=lambda route: route.length_m, free_order=False)
     work: Any = SimpleNamespace(stopped=False, pace=pace, tuning=TUNED, problem=problem)
     long, shorter = (Route(np.array([[0.0, 0.0, 80.0], [m, 0.0, 80.0]])) for m in (1000.0, 700.0))
@@ -271,18 +271,18 @@ def test_a_search_goes_on_from_closed_gaps_however_long_closing_took(
     def close(*_: Any, **__: Any) -> SearchStart | None:
         if next(left, None) is None:
             return None
-        pace.fraction += closing
+        pace.fraction += repair
         return SearchStart(long, 0.98)
 
     monkeypatch.setattr(goal_search, "search_goal", search)
-    monkeypatch.setattr(goal_search, "closed_end", close)
+    monkeypatch.setattr(goal_search, "repaired_end", close)
     kept = list[Route]()
     judge = RouteJudge(lambda _, __: 0.97, kept.append)
     out, ended = goal_search.search_from_closed(
         work, SearchStart(long, 0.98), SearchStart(shorter, 0.96), 0.98, 100, (0.6, 0.85), 0.1, judge,
-        finest=False, from_beginning=False,
+        finest=False, from_start=False,
     )  # fmt: skip
-    assert searched == [pytest.approx(share) for share in shares]
+    assert searched == [pytest.approx(fraction) for fraction in fractions]
     assert ended == pytest.approx(end)
     assert len(kept) == min(ends_short, 3)
     assert len(out) == len(searched) + len(kept)

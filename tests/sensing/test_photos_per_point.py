@@ -9,20 +9,20 @@ import pytest
 import shapely
 from scipy.interpolate import RegularGridInterpolator
 
-from tests.naive import pictures as naive
+from tests.naive import photos as naive
 from tests.planner.sites import HIGH_M, LOW_M, ORIGIN, STEP_M, flat, hills, make_site, ridge, tower, with_scenario
 from tests.verification.flights import fly_along
 from uavcover.model.limits import Obstacles
 from uavcover.model.sensor import FrameCamera, NadirCamera, SphereSensor
 from uavcover.scenario.site import area_as_drawn, load_site
-from uavcover.sensing import pictures
-from uavcover.sensing.pictures import (
-    count_pictures,
+from uavcover.sensing import photos
+from uavcover.sensing.photos import (
+    count_photos,
     overlap_rule,
-    picture_statistics,
-    pictures_asked,
+    photo_statistics,
+    photos_required,
     planned_poses,
-    takes_pictures,
+    takes_photos,
 )
 from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.decision import requirement_rows
@@ -60,25 +60,25 @@ def test_every_picture_counts_as_by_brute_force(sensor, ground):
     camera = SENSORS[sensor]
     site = make_site(GROUNDS[ground], sensor=camera, cell_m=12.0)
     coverage, route = judging_map(site), lines()
-    counted = count_pictures(coverage, planned_poses(coverage, [route]))
+    counted = count_photos(coverage, planned_poses(coverage, [route]))
     looks = coverage.flown_observations(route)
     yaws = np.degrees(np.arctan2(looks.headings[:, 0], looks.headings[:, 1]))
     axis = np.arange(LOW_M, HIGH_M + STEP_M / 2, STEP_M)
     between = RegularGridInterpolator((axis, axis), GROUNDS[ground](axis[None, :], axis[:, None]))
     cells = coverage.grid.cells
     expected, sample_m, doubtful = naive.count(
-        camera, lambda at: between(at[:, ::-1]), looks.places_m, yaws, cells.centre_m, cells.normal
+        camera, lambda at: between(at[:, ::-1]), looks.positions_m, yaws, cells.centre_m, cells.normal
     )
     assert doubtful.mean() < 0.15
     sure = ~doubtful
-    np.testing.assert_array_equal(counted.pictures[sure], expected[sure])
+    np.testing.assert_array_equal(counted.photos[sure], expected[sure])
     shown = sure & (expected > 0)
     assert shown.any()
     np.testing.assert_allclose(counted.ground_sample_m[shown], sample_m[shown], rtol=1e-9)
     assert np.isnan(counted.ground_sample_m[sure & (expected == 0)]).all()
     assert counted.taken == len(looks)
     if sensor == "nadir" and ground == "flat":
-        assert counted.pictures.max() > 12
+        assert counted.photos.max() > 12
 
 
 def test_a_tower_hides_ground_from_pictures_but_not_its_roof():
@@ -86,7 +86,7 @@ def test_a_tower_hides_ground_from_pictures_but_not_its_roof():
     camera = SENSORS["to the north-east"]
     with_tower = judging_map(make_site(sensor=camera, obstacles=tall))
     without = judging_map(make_site(sensor=camera))
-    counts = [count_pictures(c, planned_poses(c, [lines(height_m=110.0)])).pictures for c in (with_tower, without)]
+    counts = [count_photos(c, planned_poses(c, [lines(height_m=110.0)])).photos for c in (with_tower, without)]
     roof = shapely.contains_xy(shapely.box(130.0, 80.0, 170.0, 120.0), with_tower.grid.middles_m)
     assert (counts[0][~roof] <= counts[1][~roof]).all()
     assert (counts[0][~roof] < counts[1][~roof]).sum() > 10
@@ -100,45 +100,45 @@ OVERLAPS = (0.0, 0.3, 0.5, 0.6, 0.65, 2.0 / 3.0, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95
 def test_the_number_asked_for_is_what_strips_with_these_overlaps_show(forward, side):
     camera = dataclasses.replace(CAMERA, forward_overlap=forward, side_overlap=side)
     if forward == side == 0.0:
-        assert pictures_asked(camera) is None
+        assert photos_required(camera) is None
         assert overlap_rule(camera) is None
     else:
-        assert pictures_asked(camera) == naive.asked(forward, side)
-        assert f"= {pictures_asked(camera)} photos" in overlap_rule(camera)
+        assert photos_required(camera) == naive.required(forward, side)
+        assert f"= {photos_required(camera)} photos" in overlap_rule(camera)
 
 
 def test_doctests():
-    assert doctest.testmod(pictures).failed == 0
+    assert doctest.testmod(photos).failed == 0
 
 
 def test_an_overlap_that_was_not_asked_for_asks_for_nothing():
-    assert pictures_asked(SphereSensor(kind="sphere", range_m=50.0)) is None
-    assert pictures_asked(SENSORS["every 30 m"]) == 2
-    assert pictures_asked(dataclasses.replace(SENSORS["every 30 m"], side_overlap=0.0)) is None
-    statistics = picture_statistics(*_counted(dataclasses.replace(SENSORS["every 30 m"], side_overlap=0.0)))
+    assert photos_required(SphereSensor(kind="sphere", range_m=50.0)) is None
+    assert photos_required(SENSORS["every 30 m"]) == 2
+    assert photos_required(dataclasses.replace(SENSORS["every 30 m"], side_overlap=0.0)) is None
+    statistics = photo_statistics(*_counted(dataclasses.replace(SENSORS["every 30 m"], side_overlap=0.0)))
     assert (statistics.asked, statistics.overlap_fraction, statistics.overlap_holds) == (None, None, None)
 
 
 def _counted(camera, *, spacing_m=40.0):
     coverage = judging_map(make_site(sensor=camera))
-    return coverage, count_pictures(coverage, planned_poses(coverage, [lines(spacing_m=spacing_m)]))
+    return coverage, count_photos(coverage, planned_poses(coverage, [lines(spacing_m=spacing_m)]))
 
 
 @pytest.mark.parametrize(("spacing_m", "holds"), [(30.0, True), (150.0, False)])
 def test_the_overlap_holds_or_not(spacing_m, holds):
     coverage, counts = _counted(CAMERA, spacing_m=spacing_m)
-    statistics = picture_statistics(coverage, counts)
-    enough = counts.pictures >= 6
+    statistics = photo_statistics(coverage, counts)
+    enough = counts.photos >= 6
     assert statistics.asked == 6
-    assert statistics.overlap_fraction == pytest.approx(coverage.share(enough))
+    assert statistics.overlap_fraction == pytest.approx(coverage.fraction(enough))
     assert statistics.overlap_holds is holds
-    assert statistics.fewest == counts.pictures.min()
-    assert statistics.median == np.median(counts.pictures)
+    assert statistics.fewest == counts.photos.min()
+    assert statistics.median == np.median(counts.photos)
 
 
 def test_single_pictures_only():
     def taken(sensor):
-        return takes_pictures(with_scenario(make_site(), sensor=sensor).scenario)
+        return takes_photos(with_scenario(make_site(), sensor=sensor).scenario)
 
     assert taken(CAMERA)
     assert taken(NadirCamera(kind="nadir-camera", fov_deg=60.0, range_m=150.0, sensing="at-waypoints"))
@@ -152,10 +152,10 @@ def test_several_flights_begin_the_trigger_anew():
     apart = planned_poses(coverage, [route[:4], route[4:]])
     parts = [planned_poses(coverage, [part]) for part in (route[:4], route[4:])]
     np.testing.assert_array_equal(apart.eyes, np.vstack([part.eyes for part in parts]))
-    whole = count_pictures(coverage, apart).pictures
-    np.testing.assert_array_equal(whole, sum(count_pictures(coverage, part).pictures for part in parts))
+    whole = count_photos(coverage, apart).photos
+    np.testing.assert_array_equal(whole, sum(count_photos(coverage, part).photos for part in parts))
     assert planned_poses(coverage, []).eyes.shape == (0, 3)
-    assert count_pictures(coverage, planned_poses(coverage, [])).pictures.max() == 0
+    assert count_photos(coverage, planned_poses(coverage, [])).photos.max() == 0
 
 
 def test_the_margin_is_no_part_of_the_drawn_area():
@@ -177,7 +177,7 @@ def test_the_margin_is_no_part_of_the_drawn_area():
     assert area_as_drawn(site).equals(drawn)
     assert site.area.area == pytest.approx((600.0 + 120.0) * (400.0 + 120.0) - 1e4)
     coverage = judging_map(site)
-    inside = pictures.drawn_cells(coverage)
+    inside = photos.drawn_cells(coverage)
     assert inside.sum() * coverage.grid.size_m**2 == pytest.approx(drawn.area, rel=0.05)
     assert inside.sum() < coverage.grid.count
 
@@ -192,11 +192,11 @@ def test_a_flight_is_judged_by_its_own_pictures(spacing_m, holds):
     yaw_deg = np.degrees(np.arctan2(course[:, 0], course[:, 1]))
     track = dataclasses.replace(track, attitude_deg=np.column_stack([np.zeros((len(track), 2)), yaw_deg]))
     verdict = verify_flight(site, coverage, [FlownTrack(track, PlannedRoute(route, 1.0))])
-    flown, planned = verdict.pictures, count_pictures(coverage, planned_poses(coverage, [route]))
+    flown, planned = verdict.photos, count_photos(coverage, planned_poses(coverage, [route]))
     assert flown.taken == verdict.report.pictures.taken == len(verdict.observations)
     assert abs(flown.taken - planned.taken) <= 0.02 * planned.taken
     # This track goes through every waypoint, planned pictures pass on the inside: counts differ by a picture here and there.
-    assert abs(flown.pictures.mean() - planned.pictures.mean()) < 0.5
+    assert abs(flown.photos.mean() - planned.photos.mean()) < 0.5
     assert verdict.report.pictures.overlap_holds is holds
     assert any("the required overlap, 6 photos of every point" in line for line in verdict.report.findings) != holds
     # Of a camera whose direction is not known nothing is counted.
@@ -215,8 +215,8 @@ def test_a_flight_is_judged_by_its_own_pictures(spacing_m, holds):
 def test_an_overlap_that_is_required_decides(spacing_m, blind, holds):
     """From the ground to the ground, so that nothing else is unobserved."""
     site = make_site(hills, sensor=dataclasses.replace(CAMERA, mount="stabilised"))
-    asked = dataclasses.replace(site.scenario.requirements, min_overlap_fraction=0.9)
-    site = with_scenario(site, requirements=asked)
+    required = dataclasses.replace(site.scenario.requirements, min_overlap_fraction=0.9)
+    site = with_scenario(site, requirements=required)
     route = lines(spacing_m=spacing_m)
     feet = route[[0, -1]].copy()
     feet[:, 2] = site.ground.heights_m(feet[:, :2])
@@ -237,7 +237,7 @@ def test_an_overlap_that_is_required_decides(spacing_m, blind, holds):
 
 def test_an_overlap_is_required_of_a_camera_that_asks_for_one():
     site = make_site(hills, sensor=dataclasses.replace(CAMERA, mount="stabilised"))
-    asked = dataclasses.replace(site.scenario.requirements, min_overlap_fraction=0.9)
+    required = dataclasses.replace(site.scenario.requirements, min_overlap_fraction=0.9)
     for sensor in (
         NadirCamera(kind="nadir-camera", fov_deg=70.0, range_m=200.0),
         dataclasses.replace(CAMERA, forward_overlap=None, side_overlap=0.0),
@@ -245,4 +245,4 @@ def test_an_overlap_is_required_of_a_camera_that_asks_for_one():
         with pytest.raises(
             ValueError, match="min_overlap_fraction: this key requires a frame camera's forward_overlap"
         ):
-            with_scenario(site, sensor=sensor, requirements=asked)
+            with_scenario(site, sensor=sensor, requirements=required)

@@ -8,15 +8,15 @@ RAY_SAMPLES = 1500
 GRAZING_M = 0.05
 
 
-def asked(forward, side):
+def required(forward, side):
     """Pictures of one line begin every 1 - forward of their length, lines lie every 1 - side of their width; counted out."""
-    places = np.linspace(0.0, 1.0, 2001)
+    positions = np.linspace(0.0, 1.0, 2001)
 
     def fewest(overlap):
         step = 1.0 - overlap
         begins = np.arange(-200, 200) * step
         # Ends half open, a hair inside: a point at the end of one picture is at the beginning of another.
-        inside = (places[:, None] >= begins - 1e-9) & (places[:, None] < begins + 1.0 - 1e-9)
+        inside = (positions[:, None] >= begins - 1e-9) & (positions[:, None] < begins + 1.0 - 1e-9)
         return int(inside.sum(axis=1).min())
 
     return fewest(forward) * fewest(side)
@@ -42,12 +42,12 @@ def count(sensor, heights_m, eyes, yaws_deg, centres, normals):
     Returns:
         (n,) pictures, (n,) metres a pixel (infinite: none), and (n,) whether any ray or angle is too close to call.
     """
-    pictures, best, doubtful = np.zeros(len(centres), int), np.full(len(centres), np.inf), np.zeros(len(centres), bool)
+    photos, best, doubtful = np.zeros(len(centres), int), np.full(len(centres), np.inf), np.zeros(len(centres), bool)
     for _, shown, samples, unclear in looks(sensor, heights_m, eyes, yaws_deg, centres, normals):
-        pictures[shown] += 1
+        photos[shown] += 1
         best[shown] = np.minimum(best[shown], samples)
         doubtful |= unclear
-    return pictures, best, doubtful
+    return photos, best, doubtful
 
 
 def looks(sensor, heights_m, eyes, yaws_deg, centres, normals):
@@ -61,7 +61,7 @@ def looks(sensor, heights_m, eyes, yaws_deg, centres, normals):
         centres: (n, 3) of the cells.
         normals: (n, 3) of the ground there.
     """
-    shares = (np.arange(RAY_SAMPLES) + 0.5) / RAY_SAMPLES
+    fractions = (np.arange(RAY_SAMPLES) + 0.5) / RAY_SAMPLES
     tilt = math.radians(90.0 + sensor.pitch_deg)
     half_across, half_along = math.radians(sensor.fov_across_deg / 2.0), math.radians(sensor.fov_along_deg / 2.0)
     pixel_rad_at_axis = 2.0 * math.tan(half_across) / sensor.pixels_across
@@ -83,7 +83,7 @@ def looks(sensor, heights_m, eyes, yaws_deg, centres, normals):
             axis=0,
         )
         inside = spare >= 0.0
-        line = eye + shares[None, :, None] * ray[inside][:, None, :]
+        line = eye + fractions[None, :, None] * ray[inside][:, None, :]
         clear_m = (line[..., 2] - heights_m(line[..., :2].reshape(-1, 2)).reshape(line.shape[:2]))[:, :-8].min(axis=1)
         doubtful = np.abs(spare) < 1e-9
         doubtful[np.flatnonzero(inside)[np.abs(clear_m) < GRAZING_M]] = True

@@ -5,8 +5,8 @@ import pytest
 import shapely
 
 from tests.compiled_kernels import cases
-from tests.naive.ways import shortest_length
-from uavcover.scenario.airspace.zones import WayRound
+from tests.naive.paths import shortest_length
+from uavcover.scenario.airspace.zones import PathAround
 
 
 def free_ground(rng):
@@ -27,30 +27,30 @@ def free_ground(rng):
 def test_ways_are_as_short_as_those_over_all_corners(seed):
     rng = np.random.default_rng([45, seed])
     region = free_ground(rng)
-    ways = WayRound(region)
+    paths = PathAround(region)
     bent = 0
     for _ in range(3):
-        a, b = (ways.inside(place) for place in rng.uniform(0, 200, (2, 2)))
-        way = ways.between(a, b)
-        bent += len(way) > 2
-        assert region.buffer(1e-6).covers(shapely.LineString(way))
-        assert np.hypot(*np.diff(way, axis=0).T).sum() == pytest.approx(shortest_length(region, a, b), abs=0.5)
+        a, b = (paths.inside(position) for position in rng.uniform(0, 200, (2, 2)))
+        path = paths.between(a, b)
+        bent += len(path) > 2
+        assert region.buffer(1e-6).covers(shapely.LineString(path))
+        assert np.hypot(*np.diff(path, axis=0).T).sum() == pytest.approx(shortest_length(region, a, b), abs=0.5)
     assert bent
 
 
 def test_lines_are_clear_when_shapely_says_so():
     rng = np.random.default_rng(46)
     region = free_ground(rng)
-    ways, roomy = WayRound(region), region.buffer(1e-7)
+    paths, roomy = PathAround(region), region.buffer(1e-7)
     lines = rng.uniform(0, 200, (cases(compiled=400, interpreted=60), 2, 2))
     lines[::5, 1] = lines[::5, 0]
-    found = [ways.is_straight(*line) for line in lines]
+    found = [paths.is_straight(*line) for line in lines]
     assert found == shapely.covers(roomy, shapely.linestrings(lines)).tolist()
     assert len(set(found)) == 2
 
 
 def test_an_end_that_nothing_sees_ends_the_search():
     region = shapely.box(0, 0, 100, 100).difference(shapely.box(20, 20, 40, 40))
-    ways = WayRound(region)
-    assert ways.between(np.array([5.0, 30.0]), np.array([30.0, 30.0])) is None
-    assert ways.between(np.array([30.0, 30.0]), np.array([90.0, 30.0])) is None
+    paths = PathAround(region)
+    assert paths.between(np.array([5.0, 30.0]), np.array([30.0, 30.0])) is None
+    assert paths.between(np.array([30.0, 30.0]), np.array([90.0, 30.0])) is None

@@ -8,7 +8,7 @@ import pytest
 from mission_io.autopilots.autopilot import ARDUPILOT, Mode
 from mission_io.wire import messages as m
 from sitl_tests.compared_returns import compare
-from sitl_tests.returns import HOME, FailsafeCase, fly_on_mock, make_case, make_way_case
+from sitl_tests.returns import HOME, FailsafeCase, fly_on_mock, make_case, make_return_case
 from uavcover.mock.body import Trail
 from uavcover.mock.itinerary import Step, StepKind
 from uavcover.mock.vehicle import MockConfig, MockVehicle
@@ -40,33 +40,33 @@ def test_many_returns_are_flown_as_predicted(autopilot: AutopilotName) -> None:
     assert any(crashed for _, crashed in ended)
 
 
-WAYS: list[tuple[AutopilotName, float]] = [("px4", float(kind)) for kind in (1, 2, 3, 4)]
-WAYS += [("ardupilot", 1.0), ("ardupilot", 2.0)]
+PATHS: list[tuple[AutopilotName, float]] = [("px4", float(kind)) for kind in (1, 2, 3, 4)]
+PATHS += [("ardupilot", 1.0), ("ardupilot", 2.0)]
 
 
-def flown_way(seed: int, autopilot: AutopilotName, kind: float) -> FailsafeCase:
-    case = make_way_case(seed, autopilot, kind=kind)
+def flown_path(seed: int, autopilot: AutopilotName, kind: float) -> FailsafeCase:
+    case = make_return_case(seed, autopilot, kind=kind)
     compared = compare(case, fly_on_mock(case), flat=False)
     assert compared.is_near, (case, compared)
     assert compared.is_foretold, (case, compared)
     return case
 
 
-@pytest.mark.parametrize(("autopilot", "kind"), WAYS)
+@pytest.mark.parametrize(("autopilot", "kind"), PATHS)
 def test_returns_along_the_mission_or_the_flown_path_are_flown_as_predicted(
     autopilot: AutopilotName, kind: float
 ) -> None:
-    cases = [flown_way(seed, autopilot, kind) for seed in (0, 3, 5)]
+    cases = [flown_path(seed, autopilot, kind) for seed in (0, 3, 5)]
     assert len({(case.trigger, case.ends) for case in cases}) > 1
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("autopilot", "kind"), WAYS)
+@pytest.mark.parametrize(("autopilot", "kind"), PATHS)
 def test_many_returns_along_the_mission_or_the_flown_path_are_flown_as_predicted(
     autopilot: AutopilotName, kind: float
 ) -> None:
     for seed in range(200, 240):
-        flown_way(seed, autopilot, kind)
+        flown_path(seed, autopilot, kind)
 
 
 def aloft(**parameters: float) -> MockVehicle:
@@ -78,8 +78,8 @@ def aloft(**parameters: float) -> MockVehicle:
     vehicle.control.set_mode(Mode.GUIDED)
     vehicle.control.arm()
     speeds = vehicle.settings.speeds
-    places = [(0.0, 0.0, 30.0), (80.0, 0.0, 30.0), (80.0, 60.0, 30.0)]
-    vehicle.follow([Step(None, StepKind.GO, speeds, place, 1.0) for place in places])
+    positions = [(0.0, 0.0, 30.0), (80.0, 0.0, 30.0), (80.0, 60.0, 30.0)]
+    vehicle.follow([Step(None, StepKind.GO, speeds, position, 1.0) for position in positions])
     vehicle.advance(45.0)
     vehicle.outgoing()
     return vehicle
@@ -91,12 +91,12 @@ def words(vehicle: MockVehicle) -> list[str]:
 
 def lands_at(vehicle: MockVehicle) -> tuple[float, list[tuple[float, float, float]]]:
     """How far from home it lands, and its way there."""
-    now, way = vehicle.powered_s, []
+    now, path = vehicle.powered_s, []
     while vehicle.flying and now < 400.0:
         now += 1.0
         vehicle.advance(now)
-        way.append(vehicle.body.point.position_m)
-    return math.hypot(*vehicle.body.point.position_m[:2]), way
+        path.append(vehicle.body.point.position_m)
+    return math.hypot(*vehicle.body.point.position_m[:2]), path
 
 
 @pytest.mark.parametrize(
@@ -132,18 +132,18 @@ def test_failsafes_choose_smartrtl_and_fall_back_where_it_is_not_available(
 def test_smartrtl_flies_its_own_track_back_and_cuts_across_where_that_meets_itself() -> None:
     vehicle = aloft()
     vehicle.control.set_mode(Mode.RETURN, number=21)
-    off_m, way = lands_at(vehicle)
+    off_m, path = lands_at(vehicle)
     assert off_m < 1.0
-    assert min(math.dist(place, (80.0, 0.0, 30.0)) for place in way) < 8.0, "back around the corner"
+    assert min(math.dist(position, (80.0, 0.0, 30.0)) for position in path) < 8.0, "back around the corner"
     vehicle = aloft()
     speeds = vehicle.settings.speeds
     loop = [(80.0, 60.0, 30.0), (-40.0, 60.0, 30.0), (-40.0, -30.0, 30.0), (40.0, -30.0, 30.0), (40.0, 30.0, 30.0)]
-    vehicle.follow([Step(None, StepKind.GO, speeds, place, 1.0) for place in loop])
+    vehicle.follow([Step(None, StepKind.GO, speeds, position, 1.0) for position in loop])
     vehicle.advance(vehicle.powered_s + 90.0)
     vehicle.control.set_mode(Mode.RETURN, number=21)
-    off_m, way = lands_at(vehicle)
+    off_m, path = lands_at(vehicle)
     assert off_m < 1.0
-    assert max(place[1] for place in way) < 35.0, "the loop over the north is left out"
+    assert max(position[1] for position in path) < 35.0, "the loop over the north is left out"
 
 
 def test_smartrtl_ends_with_a_position_that_is_lost_and_with_a_full_buffer() -> None:
