@@ -41,6 +41,34 @@ def test_recomputed_from_the_track(cli: Cli, flown: Path) -> None:
     assert ended.document == before == json.loads((flown / "verification.json").read_text())
 
 
+def test_a_log_may_contain_other_flights_and_the_same_one_again(cli: Cli, flown: Path, tmp_path: Path) -> None:
+    with (flown / "track.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    begin_s, end_s = (float(rows[k]["time_s"]) for k in (0, -1))
+    several: list[dict[str, str]] = []
+    for number, north_m in enumerate((900.0, 0.0, 0.0)):
+        for row in rows:
+            time_s = float(row["time_s"]) + number * (end_s - begin_s + 60.0)
+            lat = repr(float(row["lat_deg"]) + float(np.degrees(north_m / 6.36e6)))
+            place = {"lat_deg": lat, "north_m": repr(float(row["north_m"]) + north_m), "current_waypoint": "-1"}
+            several.append({**row, **place, "time_s": repr(time_s), "unix_time_s": "", "received_utc_s": ""})
+    log = tmp_path / "log.csv"
+    for count, follow in (
+        (1, ""),
+        (2, "1 follows the plan; the others are ignored"),
+        (3, "2 follow the plan; the others"),
+    ):
+        with log.open("w") as file:
+            writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(several[: count * len(rows)])
+        document = cli("verify", flown, "--log", log, "--json").document
+        assert (document["verdict"] == "passed") == bool(follow), document["reasons"]
+        assert any(f"log.csv contains {count} flights; {follow}" in text for text in document["findings"]) == bool(
+            follow
+        )
+
+
 def test_workers_give_the_same_verdict(cli: Cli, flown: Path, monkeypatch) -> None:
     requested: list[str] = []
     monkeypatch.setattr(

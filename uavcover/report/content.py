@@ -25,9 +25,10 @@ from uavcover.sensing.photos import PhotoCounts, count_photos, photo_statistics,
 from uavcover.sensing.site_maps import fleet_map, map_for
 from uavcover.terrain.frames import Bounds
 from uavcover.verification.command import judge_tracks, log_name
+from uavcover.verification.flights_of_logs import flights_of_logs
 from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.judged_track import track_positions_m
-from uavcover.verification.run_logs import date_bounds, planned_for, read_log
+from uavcover.verification.run_logs import date_bounds
 from uavcover.verification.verify import Verdict
 
 
@@ -118,13 +119,13 @@ def read_run(
     site = load_site(run.existing("scenario.toml", made_by="uavcover plan"))
     plan = run.read_json("plan.json", made_by="uavcover plan")
     paths = judged_logs(run, logs) if judged and (logs or was_flown(run)) else []
-    read = [read_log(path, site) for path in paths]
+    flown = flights_of_logs(paths, run, site)
     verdict, flights = None, tuple[Flight, ...]()
-    if read:
-        tracks = [(r.track, planned_for(path, run, r.track)) for r, path in zip(read, paths, strict=True)]
-        sites, dates = [site_for(path, run, site) for path in paths], [date_bounds(path, run) for path in paths]
-        verdict = judge_tracks(site, tracks, sites=sites, dates=dates)
-        flights = _flights(site, [log_name(path, run) for path in paths], tracks, verdict.shifts_s)
+    if flown.paths:
+        sites = [site_for(path, run, site) for path in flown.paths]
+        dates = [date_bounds(path, run) for path in flown.paths]
+        verdict = judge_tracks(site, flown.tracks, sites=sites, dates=dates)
+        flights = _flights(site, [log_name(path, run) for path in flown.paths], flown.tracks, verdict.shifts_s)
     pareto = run.file("pareto.csv")
     coverage = fleet_map(site) if verdict is None else verdict.coverage
     planned = read_plan_document(plan, source=str(run.file("plan.json")))
@@ -141,7 +142,7 @@ def read_run(
         upload=_optional_json(run, "upload.json"),
         flights=flights,
         verdict=verdict,
-        warnings=tuple(warning for r in read for warning in r.warnings),
+        warnings=(*flown.warnings, *flown.notes),
         notices=tuple(notices),
     )
 

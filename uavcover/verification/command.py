@@ -33,6 +33,7 @@ from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import looks_singly
 from uavcover.sensing.site_maps import fleet_map, judging_map
 from uavcover.verification.decision import requirement_rows
+from uavcover.verification.flights_of_logs import flights_of_logs
 from uavcover.verification.flown_coverage import (
     NOTHING_KNOWN,
     CountObservations,
@@ -43,7 +44,7 @@ from uavcover.verification.flown_coverage import (
 )
 from uavcover.verification.flown_route import TRACK, PlannedRoute
 from uavcover.verification.gaps import REASONS, cells_geotiff, reason_codes
-from uavcover.verification.run_logs import UNKNOWN_DATES, DateBounds, date_bounds, planned_for, read_log
+from uavcover.verification.run_logs import UNKNOWN_DATES, DateBounds, date_bounds
 from uavcover.verification.verify import FlownTrack, Verdict, verify_flight, verify_track
 
 # Check the elevation data against the ground that vehicles measured in flight.
@@ -311,15 +312,14 @@ def judge_run(
     for number, sortie in enumerate(run.sorties(), start=1):
         if not logs and not sortie.file("track.csv").is_file():
             user.warn(f"sortie {number} was not flown yet; fly it with --sortie {number}")
-    tracks: list[tuple[Track, PlannedRoute | None]] = []
-    for path in paths:
-        loaded = read_log(path, site, system=system)
-        for warning in loaded.warnings:
-            user.warn(warning)
-        tracks.append((loaded.track, planned_for(path, run, loaded.track)))
+    flown = flights_of_logs(paths, run, site, system=system)
+    for warning in flown.warnings:
+        user.warn(warning)
     with user.progress("verifying"):
-        dates = [date_bounds(path, run) for path in paths]
-        verdict = judge_tracks(site, tracks, evidence=evidence, count=count, sites=sites, dates=dates)
+        dates = [date_bounds(path, run) for path in flown.paths]
+        sites = [site_for(path, run, site) for path in flown.paths]
+        verdict = judge_tracks(site, flown.tracks, evidence=evidence, count=count, sites=sites, dates=dates)
+        verdict = replace(verdict, report=verdict.report.with_findings(map(noted, flown.notes)))
     return site, verdict, [log_name(path, run) for path in paths], inputs
 
 

@@ -32,6 +32,7 @@ class _Track:
     largest_turn_deg: float
     same_view_m: float
     dead_reckoning_s: float
+    stand_s: float
 
 
 TRACK = data_table(_Track, "uavcover/data/verification.toml", "track")
@@ -226,6 +227,7 @@ def on_route(
     acceptance_radius_m: float,  # of the vehicle
     passed: Passing | None = None,  # where the track passed the planned waypoints, if known
     believed: bool = True,  # whether the numbers agree with the positions
+    on_ground: tuple[bool, bool] = (True, True),  # whether the track begins and ends there
 ) -> BoolArray:
     """(n,) whether each sample lies between the first and the last planned waypoint; one stretch.
 
@@ -236,7 +238,9 @@ def on_route(
     beyond waypoint 0 has no sample on the route, except that a plan of one waypoint is passed once.
 
     Otherwise by positions: from the first nearest approach to the first planned waypoint to the last nearest approach to the
-    last one, where "near" means the smallest distance plus the acceptance radius. Without a plan the whole track counts.
+    last one, where "near" means the smallest distance plus the acceptance radius. Where the track lacks an end of the route, as
+    a log that begins in the air, it reaches to the first or last waypoint that was passed, or to the end of such a log. Without
+    a plan the whole track counts.
     """
     mask = np.zeros(len(track), dtype=bool)
     numbers = track.current_waypoint
@@ -253,6 +257,10 @@ def on_route(
         return np.ones(len(track), dtype=bool)
     first = _nearest(enu_m, planned.waypoints_m[0], acceptance_radius_m)
     last = len(track) - 1 - _nearest(enu_m[::-1], planned.waypoints_m[-1], acceptance_radius_m)
+    if passed is not None and passed.passed.any():
+        at = passed.samples[passed.passed]
+        first = first if first <= at[0] else int(at[0]) * on_ground[0]
+        last = last if last >= at[-1] else int(at[-1]) if on_ground[1] else len(track) - 1
     mask[min(first, last) : max(first, last) + 1] = True
     return mask
 

@@ -115,7 +115,7 @@ def judge_track(
     joined = (np.diff(kept) == 1) & motion.joined[kept[:-1]]
     known = known_attitude(track, enu, joined)
     track = replace(track, attitude_deg=known.attitude_deg)
-    radius_m = _position_radius_m(site) + scenario.uncertainty.position_m
+    radius_m = position_radius_m(site)
     passed, misnumbered = None, None
     if planned is not None and len(planned.waypoints_m):
         passed = passing(enu, joined, planned.waypoints_m, radius_m=radius_m)
@@ -129,6 +129,7 @@ def judge_track(
         track, enu, planned, acceptance_radius_m=scenario.vehicle.acceptance_radius_m, passed=passed,
         # Where the positions do not match the plan, only the recorded waypoint numbers remain.
         believed=misnumbered is None or (passed is not None and not passed.passed.any()),
+        on_ground=(begin.on_ground, end.on_ground),
     )  # fmt: skip
     if planned is not None and passed is not None and begin.on_ground and site.home_m is not None and turned_back(
         track, enu, joined, planned, passed, home_m=site.home_m, speed_m_s=limits.speed_m_s
@@ -306,6 +307,11 @@ def _findings(site: Site, begin: TrackEnd, end: TrackEnd) -> list[str]:
                 f"the vehicle {did} {away_m:.0f} m from the scenario's home, at {position_of(site, where.enu_m)}"
             )
     return findings
+
+
+def position_radius_m(site: Site) -> float:
+    """Distance within which a planned waypoint counts as passed."""
+    return _position_radius_m(site) + site.scenario.uncertainty.position_m
 
 
 def _position_radius_m(site: Site) -> float:
