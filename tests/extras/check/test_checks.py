@@ -132,6 +132,14 @@ def test_fences_of_circles_and_holes() -> None:
     assert ("fence", (2, 4)) in found(checked(*OVER, fence=hole))
 
 
+def test_a_take_off_outside_of_the_fence() -> None:
+    aside = fence([(50.0, -50.0), (650.0, -50.0), (650.0, 50.0), (50.0, 50.0)])
+    hole = fence([(-20.0, -20.0), (20.0, -20.0), (20.0, 20.0), (-20.0, 20.0)], inclusion=False)
+    for where, by_m in ((aside, 50.0), (hole, 20.0)):
+        (column,) = [one for one in checked(up(50.0), home(), fence=where).findings if one.kind == "fence"]
+        assert (column.items, column.by) == ((0, 2), pytest.approx(by_m, abs=0.1))
+
+
 def zone(floor_agl_m: float | None, ceiling_amsl_m: float | None) -> NoFly:
     corners = [lat_lon(*at)[::-1] for at in ((440.0, -5.0), (460.0, -5.0), (460.0, 5.0), (440.0, 5.0))]
     return NoFly(polygon_lon_lat_deg=tuple(corners), floor_agl_m=floor_agl_m, ceiling_amsl_m=ceiling_amsl_m, name="Z")

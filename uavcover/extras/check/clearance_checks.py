@@ -188,30 +188,31 @@ def beyond_fence(line: FloatArray, fence: LocalFence) -> tuple[float, tuple[floa
     """Largest distance of a line (n, 2) beyond a fence, and its position."""
     worst: list[tuple[float, tuple[float, float]]] = []
     keep_in: list[tuple[float, tuple[float, float]]] = []
+    course = shapely.LineString(line)
+    flown = course if course.length > 0.0 else shapely.Point(line[0])  # of a line without length nothing would be left
     for polygon in fence.inside:
-        keep_in.append(_farthest(shapely.LineString(line).difference(polygon), polygon))
+        keep_in.append(_farthest(flown.difference(polygon), polygon))
     for polygon in fence.outside:
-        worst.append(_farthest(shapely.LineString(line).intersection(polygon), polygon.boundary))
+        worst.append(_farthest(flown.intersection(polygon), polygon.boundary))
     for east, north, radius, stay_inside in fence.circles:
         distances = np.hypot(line[:, 0] - east, line[:, 1] - north)
         if stay_inside:  # the farthest place of straight pieces is one of their ends
             k = int(np.argmax(distances))
             keep_in.append((float(distances[k]) - radius, (float(line[k, 0]), float(line[k, 1]))))
         else:
-            course = shapely.LineString(line)
             at = course.interpolate(course.project(shapely.Point(east, north)))
             worst.append((radius - math.hypot(at.x - east, at.y - north), (at.x, at.y)))
     if keep_in:
-        worst.append(_beyond_all(line, fence) if fence.any_inside and len(keep_in) > 1 else max(keep_in))
+        worst.append(_beyond_all(flown, fence) if fence.any_inside and len(keep_in) > 1 else max(keep_in))
     depth = max(worst, default=(0.0, (0.0, 0.0)))
     return depth if depth[0] > CHECKS.boundary_tolerance_m else None
 
 
-def _beyond_all(line: FloatArray, fence: LocalFence) -> tuple[float, tuple[float, float]]:
+def _beyond_all(flown: BaseGeometry, fence: LocalFence) -> tuple[float, tuple[float, float]]:
     """Largest distance of a line beyond the union of the areas it may be inside of (PX4)."""
     circles = [shapely.Point(e, n).buffer(r, quad_segs=256) for e, n, r, stays in fence.circles if stays]
     union = shapely.union_all([*fence.inside, *circles])
-    return _farthest(shapely.LineString(line).difference(union), union)
+    return _farthest(flown.difference(union), union)
 
 
 def _farthest(part: BaseGeometry, shape: shapely.Geometry) -> tuple[float, tuple[float, float]]:
