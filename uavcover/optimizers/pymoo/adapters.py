@@ -13,6 +13,7 @@ import pickle
 import pkgutil
 import sys
 from abc import abstractmethod
+from functools import partial
 from itertools import combinations
 from math import comb
 from types import FunctionType
@@ -203,8 +204,8 @@ class NSGA2(PymooOptimizer):
 class MOEAD(PymooOptimizer):
     """pymoo's MOEA/D (Zhang and Li 2007), generation by generation, with the parameters of Table 2.
 
-    pymoo has no n_r and no constraints: the replacement is ours, see `uavcover.optimizers.pymoo.moead`. The objectives are
-    compared as they are: bring them to comparable scale.
+    pymoo has no n_r and no constraints: the replacement is `_replace_neighbours`. The objectives are compared as they are: bring
+    them to comparable scale.
     """
 
     smallest_population: ClassVar[int] = 2
@@ -215,20 +216,47 @@ class MOEAD(PymooOptimizer):
     distribution_index: ClassVar[int] = 30  # eta, Table 2
 
     def _build(self) -> Any:
+        from pymoo.algorithms.moo.moead import ParallelMOEAD
         from pymoo.operators.crossover.sbx import SBX
         from pymoo.operators.mutation.pm import PM
 
-        from uavcover.optimizers.pymoo.algorithm import GenerationalMOEAD
-
         n = self._population_size
-        return GenerationalMOEAD(
+        built = ParallelMOEAD(
             spread_weights(n, self._n_objectives),
-            n_replaced=max(1, round(self.replaced_fraction * n)),
             n_neighbors=max(2, round(self.neighbourhood_fraction * n)),
             prob_neighbor_mating=self.neighbour_mating_probability,
             crossover=SBX(prob=1.0, eta=self.distribution_index),
             mutation=PM(prob_var=None, eta=self.distribution_index),
         )
+        built._advance = partial(_replace_neighbours, built, max(1, round(self.replaced_fraction * n)))
+        return built
+
+
+def _replace_neighbours(moead: Any, n_replaced: int, infills: Any = None, **_: Any) -> None:
+    """Replace members of a whole generation by its children, in place of `ParallelMOEAD._advance`.
+
+    A child replaces at most ``n_replaced`` of its neighbours, in random order (Li and Zhang 2009). Less total violation is
+    better than a better scalar value, as everywhere here.
+    """
+    moead.ideal = np.minimum(moead.ideal, infills.get("F").min(axis=0))
+    # arrays beside the population, because reading one row at a time out of it takes most of the run
+    objectives, violations = moead.pop.get("F", "total_violation")
+    for k, child in zip(moead.indices, infills, strict=True):
+        near = moead.random_state.permutation(moead.neighbors[k])
+        weights, violation = moead.ref_dirs[near], child.get("total_violation")
+        now, then = np.split(
+            moead.decomposition.do(
+                np.concatenate([objectives[near], np.tile(child.F, (len(near), 1))]),
+                weights=np.concatenate([weights, weights]),
+                ideal_point=moead.ideal,
+                _type="one_to_one",
+            ),
+            2,
+        )
+        better = np.where(violations[near] == violation, then < now, violation < violations[near])
+        replaced = near[better][:n_replaced]
+        moead.pop[replaced] = child
+        objectives[replaced], violations[replaced] = child.F, violation
 
 
 def pymoo_algorithm(name: str) -> type:
