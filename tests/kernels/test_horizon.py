@@ -4,8 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from scipy.ndimage import maximum_filter
 
 from tests.compiled_kernels import cases
+from uavcover.kernels.arrays import highest_around
 from uavcover.kernels.cells import NO_RISE, Cells
 from uavcover.kernels.coverage import first_observed
 from uavcover.kernels.horizon import CLEAR_FROM, HIDDEN_BELOW, HIDDEN_BEYOND_M, SECTORS, rises, sector_of
@@ -115,6 +117,15 @@ def test_ground_that_rises_less_than_the_flattest_ray_is_left_out(seed, flattest
     np.testing.assert_allclose(rise, np.maximum(known, least), rtol=1e-6)
     assert (rise > least).any()
     assert (rise == least).any() or flattest < 1.0
+
+
+@pytest.mark.parametrize(
+    ("shape", "window"), [((5, 7), (3, 3)), ((1, 1), (9, 9)), ((20, 30), (4, 7)), ((6, 3), (9, 21))]
+)
+def test_the_highest_around_each_is_that_of_scipy(shape: tuple[int, int], window: tuple[int, int]) -> None:
+    values = np.random.default_rng(1).normal(size=shape)
+    expected = maximum_filter(values, size=window, mode="constant", cval=-np.inf)
+    np.testing.assert_array_equal(highest_around(values, *window), expected)
 
 
 def test_sectors_are_sixteenths_of_a_turn():

@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import highest_around
 from uavcover.kernels.grid import growth_on_grid, on_grid, slope_of_cell
 from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.sight import highest_in_squares
@@ -76,9 +77,6 @@ def rises(
         closely: find close bounds, and the rays that are hidden. Otherwise bounds are found sooner and less close, and no ray is
             hidden by them.
     """
-    # Importing scipy.ndimage takes a while, which other commands need not wait for.
-    from scipy.ndimage import maximum_filter
-
     nothing = np.empty((0, 3, SECTORS), dtype=np.float32)
     if surface.kind != GRID or len(centre) == 0:
         return nothing
@@ -103,7 +101,8 @@ def rises(
         lows = _lowest(surface, tops.shape[0], east0, north0, side_m, beside)
     while begin_m < reach_m:
         end_m = min(2.0 * begin_m, reach_m)
-        around = maximum_filter(tops, 2 * math.ceil(end_m / side_m) + 3, mode="nearest")
+        window = 2 * math.ceil(end_m / side_m) + 3
+        around = highest_around(tops, window, window)
         _raise(clear, centre, tops, around, east0, north0, side_m, begin_m, end_m)
         if begin_m > 3.0 * side_m:
             rows = tops.shape[0] // 2

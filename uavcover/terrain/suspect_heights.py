@@ -19,7 +19,7 @@ from shapely.geometry.base import BaseGeometry
 
 from mission_io.data_tables import data_table
 from uavcover.errors import InputError
-from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray, highest_around
 from uavcover.terrain.elevation_file import open_raster
 from uavcover.terrain.frames import Bounds, LocalFrame, lons_beside
 from uavcover.terrain.ground import touching
@@ -230,8 +230,6 @@ def _rough_alone(heights: FloatArray, pixel_m: Size) -> BoolArray:
     rough = off_m > max(SUSPECTS.spike_m, SUSPECTS.alone_slope * max(pixel_m))
     if not rough.any():
         return rough
-    from scipy import ndimage
-
     # The square around each pixel without the 3 x 3 in its middle, as four rectangles.
     far, rows, columns = SUSPECTS.alone_pixels, *off_m.shape
     padded, others, half = np.pad(off_m, far), np.zeros_like(off_m), (far + 2) // 2
@@ -239,7 +237,7 @@ def _rough_alone(heights: FloatArray, pixel_m: Size) -> BoolArray:
         ((far - 1, 2 * far + 1), (-half, 0)), ((far - 1, 2 * far + 1), (half, 0)),
         ((3, far - 1), (0, -half)), ((3, far - 1), (0, half)),
     ):  # fmt: skip
-        found = ndimage.maximum_filter(padded, size=size, mode="constant")
+        found = highest_around(padded, *size)
         first, left = far + row, far + column
         np.maximum(others, found[first : first + rows, left : left + columns], out=others)
     return rough & (off_m > SUSPECTS.alone_times * others)
