@@ -95,3 +95,20 @@ def test_an_impossible_number_is_refused() -> None:
     area = load_site("jacksboro").scenario.area
     with pytest.raises(ValueError, match="fewest_places"):
         dataclasses.replace(area, fewest_places=-1)
+
+
+def test_a_few_routes_are_tested_without_what_decides_most_rays(canyon: Site) -> None:
+    """Finding it took as long as 6 routes, and up to 75 for other sensors."""
+    others = finer_map(canyon)
+    assert others is not None
+    assert len(judging_map(canyon).grid.cells.rise) == judging_map(canyon).grid.count
+    assert len(others.grid.cells.rise) == 0
+    route_m = lines(canyon)
+    looks = others.flown_observations(route_m)
+    before = others.observed_by(looks)
+    others.expect_many_routes()
+    assert len(others.grid.cells.rise) == others.grid.count
+    np.testing.assert_array_equal(others.observed_by(looks), before)
+    grid = others.grid
+    others.expect_many_routes()
+    assert others.grid is grid

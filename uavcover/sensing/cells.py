@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -154,8 +154,8 @@ def make_targets(site: Site, _cell_size_m: float, *, rows: range | None = None) 
 
 
 def make_other_cells(site: Site, cell_size_m: float) -> CellGrid:
-    """As :func:`make_sampled_cells`, with other positions."""
-    return _cut(site, cell_size_m, steps=_OTHER)
+    """As :func:`make_sampled_cells`, with other positions, and for a few routes: see :func:`with_rises`."""
+    return _cut(site, cell_size_m, steps=_OTHER, rising=False)
 
 
 def make_refined_cells(site: Site, cell_size_m: float) -> CellGrid:
@@ -184,10 +184,12 @@ def _cut(
     steps: tuple[float, float] | None = None,
     rows: range | None = None,
     spread: Callable[[int, float], FloatArray] | None = None,
+    rising: bool = True,
 ) -> CellGrid:
     """The cells, with positions shifted by up to half a cell each way, in these steps. None: they are the centres.
 
-    ``spread`` makes the positions from the steps; by default they are independent of other cells' positions.
+    ``spread`` makes the positions from the steps; by default they are independent of other cells' positions. ``rising``: as
+    :func:`with_rises`.
     """
     west, south, east, north = site.area.bounds
     all_rows, columns = lattice_shape(site, cell_size_m)
@@ -238,11 +240,23 @@ def _cut(
     if sight.line_of_sight == RAY:
         skyline = skylines(obstacles, centre, horizon, reach_m=reach_m, flattest=1.0 / widest_tangent(sight))
     # Only a search traces enough rays for close bounds to pay off.
-    rise = _rises(site, centre, scatter_m, closely=steps == _SCATTERED)
+    rise = _rises(site, centre, scatter_m, closely=steps == _SCATTERED) if rising else NO_RISE
     for array in (index, centre, normal, horizon, weight, rise):
         array.flags.writeable = False
     cells = Cells(east0_m, north0_m, float(cell_size_m), index, centre, normal, horizon, scatter_m, rise, skyline)
     return CellGrid(cells, weight, hidden_m2)
+
+
+def with_rises(site: Site, grid: CellGrid) -> CellGrid:
+    """The same cells, with bounds on the rise of the ground around each, which decide most rays.
+
+    Finding them takes as long as evaluating 6 to 75 routes without them (72 kinds of scripts/bench/kinds.py).
+    """
+    if len(grid.cells.rise):
+        return grid
+    rise = _rises(site, grid.cells.centre_m, grid.cells.scatter_m, closely=False)
+    rise.flags.writeable = False
+    return replace(grid, cells=grid.cells._replace(rise=rise))
 
 
 def _without_hidden(
@@ -360,5 +374,5 @@ def cell_size_for(site: Site, *, fewest: int, most: int, largest_m: float) -> fl
 def evenness(site: Site) -> float:
     """Fraction 0..1 of a site's cells that, with equal weight, would be as good a sample."""
     size_m = max(site.scenario.area.cell_size_m, math.sqrt(site.area.area / _PROBED))
-    weight = make_sampled_cells(site, size_m).weight_m2
+    weight = _cut(site, size_m, steps=_SAMPLED, rising=False).weight_m2
     return float(weight.sum() ** 2 / (weight**2).sum() / weight.size)

@@ -23,7 +23,7 @@ from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.obstacles import waypoint_breaches
 from uavcover.scenario.site import Site
 from uavcover.sensing import sensors
-from uavcover.sensing.cells import CellGrid, make_cells
+from uavcover.sensing.cells import CellGrid, make_cells, with_rises
 from uavcover.sensing.flown_line import corners_matter, heading_there, line_flown, photos_on, positions_passed_m
 from uavcover.sensing.sensors import sample_spacing_m, trial_positions, trigger_distance_m, turns_with_legs
 
@@ -140,6 +140,10 @@ class CoverageMap:
         self.grid: CellGrid = cut(site, cell_size_m)
         self.sight: Sight = site.scenario.sensor.sight
         self._recent = RecentlyObserved()
+
+    def expect_many_routes(self) -> None:
+        """Find what decides most rays, unless it is known: see :func:`uavcover.sensing.cells.with_rises`."""
+        self.grid = with_rises(self.site, self.grid)
 
     def less_certain(self, *, position_m: float, height_m: float) -> "CoverageMap":
         """The same cells, for flights whose positions are at least this uncertain."""
