@@ -68,6 +68,18 @@ def test_a_search_that_is_ended_gives_its_incumbent(reports):
     assert not result.interrupted
 
 
+def test_a_search_that_is_ended_late_keeps_its_best_route():
+    """A search for other coverages and for few waypoints follows the one for the required coverage."""
+    site, request = make_site(hills), SearchRequest(**EFFORT | {"evaluations": 400})
+    reports: list[SearchProgress] = []
+    whole, _ = plan_and_site(site, request, should_stop=lambda: False, on_progress=reports.append, kept=None)
+    stops = EndsAt(len(reports))
+    ended, _ = plan_and_site(site, request, should_stop=stops.any, on_progress=stops.report, kept=None, stops=stops)
+    assert stops.left == 0
+    assert ended.rule_met
+    assert ended.chosen.metrics.cost <= 1.01 * whole.chosen.metrics.cost
+
+
 def interrupted_library() -> None:
     """A call that is interrupted by the alarm and raises an error of its own."""
     with contextlib.suppress(StageOver):

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -76,8 +76,8 @@ One round, which only samples, there always is, unless baselines keep the limits
 _MOST_ROUNDS = 50
 """Rounds of the optimizer before a local search: where a round is quick, more of them add nothing (docs/results/coverage.md)."""
 
-_JUDGED_AT_ONCE = 2
-"""This number of baselines is judged where there is no time for more."""
+_JUDGED_AT_ONCE, _AT_ONCE_S = 2, 0.3
+"""This number of baselines is judged where there is no time for more, and routes of a search for this time."""
 
 _MOST_TUNED = 12
 """This number of tuned lines of each kind is shown: the one of most merit, and the least crowded."""
@@ -89,13 +89,15 @@ class SoFar:
 
     Attributes:
         baselines: all of them.
-        incumbent: the best route of the search; none before it.
+        incumbent: the best route of the search on its own cells; none before it.
+        found: routes of the search that are worth judging.
         evaluations: full route evaluations spent on it.
         judged: everything that is worth choosing from, once it is judged.
     """
 
     baselines: Sequence[Baseline] = ()
     incumbent: Route | None = None
+    found: list[Route] = field(default_factory=list)
     evaluations: int = 0
     judged: Sequence[RouteMember] = ()
 
@@ -137,11 +139,7 @@ def plan_in_time(
     except StageOver:
         _log.info("search and selection took %.2f s", effort.now() - started)
     rule, fine, judged = parse_rule(select_rule), judging_map(site), list(so_far.judged)
-    if not judged:
-        # None of the pool: it may still be at work.
-        best = [(each.route, each.name) for each in _by_merit(so_far.baselines, rule.required_coverage)]
-        found = [] if so_far.incumbent is None else [(so_far.incumbent, settings.algorithm)]
-        judged = judge_members(fine, [*found, *best[:_JUDGED_AT_ONCE]])
+    judged = judged or _judged_at_once(fine, so_far, settings.algorithm, rule.required_coverage, effort.now)
     interrupted = should_stop()
     chosen = choose_at_once(fine, settings, rule, judged, interrupted=interrupted)
     return Plan(
@@ -149,6 +147,23 @@ def plan_in_time(
         rule=rule.text, rule_met=chosen.rule_met, algorithm=settings.algorithm, evaluations=so_far.evaluations,
         wall_s=effort.now() - started, interrupted=interrupted,
     )  # fmt: skip
+
+
+def _judged_at_once(
+    fine: CoverageMap, so_far: SoFar, algorithm: str, required: float | None, now: Callable[[], float]
+) -> list[RouteMember]:
+    """The incumbent, the best baselines, and the shortest routes found until one reaches the required coverage."""
+    # None of the pool: it may still be at work.
+    best = [(each.route, each.name) for each in _by_merit(so_far.baselines, required)]
+    incumbent = [] if so_far.incumbent is None else [(so_far.incumbent, algorithm)]
+    judged, until = judge_members(fine, [*incumbent, *best[:_JUDGED_AT_ONCE]]), now() + _AT_ONCE_S
+    for route in sorted(so_far.found, key=lambda route: route.length_m):
+        if now() > until:
+            break
+        judged += judge_members(fine, [(route, algorithm)])
+        if required is not None and judged[-1].violation <= 0.0 <= judged[-1].metrics.coverage_of_coverable - required:
+            break
+    return judged
 
 
 def plan_routes(
@@ -201,7 +216,8 @@ def plan_routes(
     if own is not None:
         algorithm = name = optimizer_name(own)
     started = effort.now()
-    rule = parse_rule(select_rule)
+    rule, so_far = parse_rule(select_rule), so_far or SoFar()
+    on_progress = so_far.noting(on_progress)
     coarse = planning_map(site)
     goal = None
     if rule.required_coverage is not None:
@@ -220,8 +236,7 @@ def plan_routes(
             coarse, settings, required=rule.required_coverage, executor=executor,
             left_s=lambda: 0.0 if should_stop() else effort.left_s(started, fraction=baseline_fraction), tuned=tuned,
         )  # fmt: skip
-        if so_far is not None:
-            so_far.baselines, on_progress = baselines, so_far.noting(on_progress)
+        so_far.baselines = baselines
         if other_lines and goal is not None and cut_lines.needs_cuts(site):
             baselines += cut_lines.cut_baselines(
                 coarse, goal, lambda: should_stop() or effort.is_over(started, fraction=FRACTIONS.cut_lines)
@@ -239,30 +254,20 @@ def plan_routes(
     left_out = fraction < 1.0 and _takes_too_long(settings.population_size * each_s, baselines, effort, fraction)
     if not left_out:
         rounds = rounds_of(
-            optimizing,
-            started,
-            encoding=encoding,
-            coverage=coarse,
-            population_size=settings.population_size,
+            optimizing, started, encoding=encoding, coverage=coarse, population_size=settings.population_size,
             executor=executor,
-        )
+        )  # fmt: skip
     if fraction < 1.0:
         rounds = min(rounds, _MOST_ROUNDS)
     optimizer: AskAndTell = make_optimizer(
-        name if own is None else own,
-        encoding.lower,
-        encoding.upper,
-        n_objectives=3,
-        n_constraints=1,
-        population_size=settings.population_size,
-        max_iterations=rounds,
-        archive_size=max(100, settings.population_size),
-        seed=settings.seed,
-        initial=initial,
-    )
+        name if own is None else own, encoding.lower, encoding.upper, n_objectives=3, n_constraints=1,
+        population_size=settings.population_size, max_iterations=rounds, archive_size=max(100, settings.population_size),
+        seed=settings.seed, initial=initial,
+    )  # fmt: skip
     run = SearchRun(
-        effort=optimizing, started=started, executor=executor, should_stop=should_stop, on_progress=on_progress
-    )
+        effort=optimizing, started=started, executor=executor, should_stop=should_stop, on_progress=on_progress,
+        found=so_far.found,
+    )  # fmt: skip
     searched = Searched(interrupted=False, scale=None)
     if not left_out:
         with times.stage(f"optimizer {name}", fraction):
@@ -328,8 +333,7 @@ def plan_routes(
         # Of a stage that is interrupted the routes that were found are known, and what was judged beside them.
         for part in (made[: len(found)], made[len(found) :]):
             members += judge_members(fine, part, executor)
-            if so_far is not None:
-                so_far.judged = [*members, *reference]
+            so_far.judged = [*members, *reference]
     with times.stage("choice and repairs", FRACTIONS.order if in_several else None):
         chosen = choose(
             fine, settings, rule, (*members, *reference), executor=executor, interrupted=interrupted,

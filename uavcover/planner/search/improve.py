@@ -97,7 +97,8 @@ def improve(
         best = max(repaired, key=lambda start: start.observed)
         observed = best.observed * coverage.fraction(coverage.coverable)
         run.on_progress(SearchProgress(evaluations_done, effort.evaluations, observed, None, best.route))
-    kept = [start.route for start in repaired]
+    kept = run.found
+    kept += [start.route for start in repaired]
     if not starts or left == 0 or effort.is_over(run.started):
         return Improved(tuple(kept), 0, interrupted=False)
     counted_certainly = search_problem(coverage, judging, starts, goal)
@@ -269,6 +270,7 @@ class _Progress:
         self._pace, self._effort, self._done = pace, effort, evaluations_done
         self._required, self._on_progress = required, on_progress
         self._best = max(start.observed for start in starts) * self._coverable
+        self._incumbent: tuple[bool, float, Route] | None = None
         enough = (
             []
             if required is None
@@ -287,9 +289,12 @@ class _Progress:
         total = self._effort.evaluations
         if self._effort.budget_s is not None:
             total = max(evaluations, round(evaluations / max(self._pace.fraction, 1e-3)))
-        enough = [chain for chain in chains if self._required is not None and chain.observed >= self._required]
-        best = min(enough, key=lambda chain: chain.problem.cost_of_path(chain.route), default=None)
-        incumbent = (best or max(chains, key=lambda chain: chain.observed)).route
+        for chain in chains:
+            enough = self._required is not None and chain.observed >= self._required
+            merit = enough, -chain.problem.cost_of_path(chain.route) if enough else chain.observed
+            if self._incumbent is None or merit > self._incumbent[:2]:
+                self._incumbent = *merit, chain.route
+        incumbent = None if self._incumbent is None else self._incumbent[2]
         self._on_progress(SearchProgress(evaluations, total, self._best, self._shortest, incumbent))
 
 

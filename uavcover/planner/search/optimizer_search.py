@@ -7,7 +7,7 @@ genes relative to a known good layout.
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 import numpy as np
@@ -89,6 +89,7 @@ class SearchRun:
     executor: Executor | None = None  # works on routes in parallel; the result does not depend on it
     should_stop: Callable[[], bool] = lambda: False  # the user's stop, called before every round or batch
     on_progress: Callable[[SearchProgress], None] = lambda _: None  # called after every round or batch
+    found: list[Route] = field(default_factory=list)  # filled by a local search with routes worth judging
 
 
 def rounds_of(
