@@ -50,7 +50,7 @@ def write_terrain() -> None:
         file.write(heights, 1)
         file.update_tags(
             SOURCE="SRTM 3 arc seconds, public domain (NASA / USGS); matplotlib sample jacksboro_fault_dem.npz",
-            POSITION="Pine Mountain, Jacksboro fault, Tennessee / Kentucky",
+            PLACE="Pine Mountain, Jacksboro fault, Tennessee / Kentucky",
         )
         file.units = ("m",)
     print(f"{OUT.name}: {columns} x {rows}, {heights.min()}..{heights.max()} m, {OUT.stat().st_size} bytes")
