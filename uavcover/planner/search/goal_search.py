@@ -47,10 +47,18 @@ def search_goals(
         middle = begin + (tuned.coarse_fraction if finest else 1.0) * (end - begin)
         # What the search's cells lack of nearly all they cannot show: their price would only drive the route into detours.
         stages = (1.0,) if finest and work.problem.numbers.trigger_m == 0.0 else tuned.main_stages
+        later = end + tuned.repair_fraction * (until - begin)
+        before = work.pace.fraction, work.proposals
         found = search_goal(
             work, known, required, capacity, (begin, middle), stages, judge,
-            most_short=tuned.most_short_at_first, later=0.0 if finest else end + tuned.repair_fraction * (until - begin),
+            most_short=tuned.most_short_at_first, later=0.0 if finest else later,
         )  # fmt: skip
+        if finest and not _can_afford_finest(work, before, end):
+            finest = False
+            found += search_goal(
+                work, [*known, *found], required, capacity, (work.pace.fraction, end), tuned.main_stages, judge,
+                most_short=tuned.most_short_at_first, later=later,
+            )  # fmt: skip
         if finest:
             surest = _surest(work, starts, required)
             found += _on_finest_cells(work, [*found, *surest], required, capacity, (middle, end), judge)
@@ -82,6 +90,19 @@ def search_goals(
         at = until - ladder + number * each
         known += search_goal(work, known, goal, capacity, (at, at + each), tuned.stages, judge)
     return known
+
+
+def _can_afford_finest(work: Work, before: tuple[float, int], end: float) -> bool:
+    """Whether the finest cells leave time for enough proposals, at the speed of the search so far.
+
+    Args:
+        work: the problem and the remaining budget.
+        before: fraction of all the work, and proposals, before the search on the coarser cells.
+        end: fraction of all the work at which the search on the finest cells ends.
+    """
+    (fraction, proposals), now = before, work.pace.fraction
+    each = (now - fraction) / max(work.proposals - proposals, 1)
+    return end - now >= work.tuning.goal.fewest_on_finest * work.finest_time_factor * each
 
 
 def search_from_closed(
@@ -160,7 +181,7 @@ def _on_finest_cells(
 
     for number, (begin, end) in enumerate(itertools.pairwise(np.linspace(*fraction, _ROUNDS + 1).tolist())):
         judged_ones += [(each, judge.coverage(each.route, goal)) for each in fresh]
-        if not judged_ones or work.stopped or work.finest is None:
+        if not judged_ones or work.stopped or work.finest is None or work.pace.fraction >= end:
             break
         if number > 0 and cheapest(penalty)[1] < goal:
             penalty *= tuned.finest_penalty_step

@@ -126,9 +126,10 @@ def improve(
         progress.report(work.proposals, chains)
         look(lambda: [*judging_of.kept, *(_shortened(problem, chain.route) for chain in chains)])
 
+    time_factor = 1.0 if finer is None or effort.budget_s is None else finer.grid.count / len(problem.numbers.square)
     work = Work(
         problem, pace, generators, run.executor, run.should_stop, between,
-        None if finer is None else partial(finest_problem, finer), tuning,
+        None if finer is None else partial(finest_problem, finer), time_factor, tuning,
     )  # fmt: skip
     capacity = _capacity(problem, settings, starts, tuned)
     # If time costs, finer cells are evaluated only after the search's own cells confirm the route.

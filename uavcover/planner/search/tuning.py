@@ -44,6 +44,7 @@ class GoalTuning:
             canyon takes 18 % less, city 11, terraces 10 and volcano 1 % (3 or 4 seeds each), ...
         most_prepared: ... unless preparing the search took more than this fraction of the time: the finest cells take as long
             again.
+        fewest_on_finest: the finest cells are searched if there is time for this number of proposals there.
         closed_costlier: factor of the price of coverage there: 10 is too little in both fields.
         closed_heat: factor of the temperature at its beginning; 0.05 and 0.2 do as well.
         finest_penalty: the same factor on the finest cells, at the beginning: there it rises from stage to stage, ...
@@ -113,6 +114,7 @@ class GoalTuning:
     nearly_all_on_finest: float = 0.985
     likely_on_finest: float = 0.9
     most_prepared: float = 0.25
+    fewest_on_finest: int = 1000
     closed_costlier: float = 40.0
     closed_heat: float = 0.2
     finest_penalty: float = 10.0
