@@ -363,6 +363,4 @@ def _links_of(scenario: Scenario) -> list[VehicleAddress]:
             f"--to is missing, and [[vehicle]] number {missing[0]} has no link; use --to for each vehicle, or add a "
             "link to each [[vehicle]]"
         )
-    return [
-        VehicleAddress(vehicle.link, vehicle.system_id) for vehicle in scenario.vehicles if vehicle.link is not None
-    ]
+    return [VehicleAddress(each.link, each.system_id) for each in scenario.vehicles if each.link is not None]

@@ -432,11 +432,8 @@ class Stillness:
         if position is None or age_s > session.timeouts.deadman_s:
             self.restart()
             return False
-        if (
-            self._observed is None
-            or self._observed[0] != monitor.current_seq
-            or self._moved_m(position) > FOLLOWING.moved_m
-        ):
+        last = self._observed
+        if last is None or last[0] != monitor.current_seq or self._moved_m(position) > FOLLOWING.moved_m:
             self._observed = (monitor.current_seq, position)
             self._timer.restart()
         return self._timer.over

@@ -57,9 +57,7 @@ def compile_flights(
             )
         # The spacing is between starts at one home.
         fractions = _SPACING_FRACTIONS if any(sharing_home(sites, site.scenario.fleet.planned_separation_m)) else (1.0,)
-        unlike = [
-            scheduled_unlike(site, _of_groups(site, groups, route, spacing_fraction=fraction)) for fraction in fractions
-        ]
+        unlike = [scheduled_unlike(site, _of_groups(site, groups, route, spacing_fraction=each)) for each in fractions]
         return min(unlike, key=lambda flights: makespan_s(site, flights))
     if count == 1:
         return compile_sorties(site, route, autopilot=name)

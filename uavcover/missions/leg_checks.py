@@ -237,9 +237,8 @@ class _Figures:
     def _problem(
         self, kind: ProblemKind, value: float, limit: float, unit: str, position_m: FloatArray, name: str = ""
     ) -> LegProblem:
-        return LegProblem(
-            self.number, kind, float(value), limit, unit, float(position_m[0]), float(position_m[1]), name=name
-        )
+        east_m, north_m = float(position_m[0]), float(position_m[1])
+        return LegProblem(self.number, kind, float(value), limit, unit, east_m, north_m, name=name)
 
 
 def _zone_breaches(site: Site, route_m: FloatArray) -> list[ZoneBreach]:

@@ -50,9 +50,8 @@ def flight_costs_along_transits(
         # a flight to this waypoint alone turns from the outbound to the return transit.
         round_m = np.vstack([path, path[-1:] if stops else path[:0], path[-2::-1]])
         climb_out_m = path[0, 2] - home[2]
-        alone[k] = (
-            takeoff_time(pace, climb_out_m) + flight_time(pace, read_only(round_m)) + landing_time(pace, climb_out_m)
-        )
+        vertical_s = takeoff_time(pace, climb_out_m), landing_time(pace, climb_out_m)
+        alone[k] = vertical_s[0] + flight_time(pace, read_only(round_m)) + vertical_s[1]
         items[k] = len(path) - 1
         up, down, legs = energy.takeoff_s(climb_out_m), energy.landing_s(climb_out_m), len(path) - 1
         used_there[:, k] = up + energy.first_legs_s(np.vstack([path, onto]), legs)
@@ -218,13 +217,11 @@ def straight_flight_costs(site: Site, route_m: FloatArray, *, transit_items: int
     )
 
 
-def _straight_flight_s(energy: FlightEnergy, path_cost: PathCost, points_m: FloatArray) -> float:
+def _straight_flight_s(energy: FlightEnergy, cost: PathCost, points_m: FloatArray) -> float:
     """Hovering seconds of a flight along (k, 3) waypoints in the stated wind, with straight transits."""
-    stop, top = points_m[: path_cost.stop_at_first], np.array([path_cost.climb_out_top])
+    stop, top = points_m[: cost.stop_at_first], np.array([cost.climb_out_top])
     path = np.vstack([top, points_m[:1], stop, points_m[1:], top])
-    return float(
-        (energy.takeoff_s(path_cost.climb_out_m) + energy.path_s(path) + energy.landing_s(path_cost.climb_out_m))[0]
-    )
+    return float((energy.takeoff_s(cost.climb_out_m) + energy.path_s(path) + energy.landing_s(cost.climb_out_m))[0])
 
 
 def flights_of_split(begun: IntArray, shared: int) -> list[tuple[int, int]]:
@@ -297,10 +294,8 @@ def evaluate_routes(coverage: CoverageMap, routes: Sequence[Route], executor: Ex
         violation = measure_violations(
             coverage.site, points, margin_m=coverage.site.scenario.limits.height_margin_m
         ).total
-        return (
-            -fraction, float(len(route)), float(route_cost(coverage.site.ground.surface, path_cost, points)),
-            violation,
-        )  # fmt: skip
+        cost = float(route_cost(coverage.site.ground.surface, path_cost, points))
+        return -fraction, float(len(route)), cost, violation
 
     rows = np.array(list(executor.map(one, routes) if executor is not None else map(one, routes))).reshape(-1, 4)
     return Evaluation(objectives=rows[:, :3], violations=rows[:, 3:])
@@ -351,9 +346,8 @@ def _cost(site: Site, route: Route, mission: MissionCost | None) -> float:
     if path_cost.mission == 0 or mission is None:
         return cost
     flown = mission.energy_hover_s if path_cost.unit == ENERGY else mission.time_s
-    return (
-        flown + cost - float(route_cost(surface, path_cost._replace(deviation_price=0.0, waypoint_price=0.0), points))
-    )
+    path_cost = path_cost._replace(deviation_price=0.0, waypoint_price=0.0)
+    return flown + cost - float(route_cost(surface, path_cost, points))
 
 
 # Figures of a route whose parts of the area are flown by different vehicles: they count together.

@@ -78,8 +78,8 @@ def path_cost_of(site: Site) -> PathCost:
     planner, limits = site.scenario.planner, site.scenario.limits
     objective = site.scenario.objective
     whole = objective in {"mission-time", "energy"}
-    path_cost = mission_cost_of(site) if whole else PathCost(LENGTH, pace_of(site), 0.0, 0.0)
-    return path_cost._replace(
+    cost = mission_cost_of(site) if whole else PathCost(LENGTH, pace_of(site), 0.0, 0.0)
+    return cost._replace(
         unit={"length": LENGTH, "energy": ENERGY}.get(objective, TIME),
         deviation_price=planner.band_deviation_price,
         middle_agl_m=0.5 * (limits.min_height_agl_m + limits.max_height_agl_m),
@@ -108,8 +108,8 @@ def detours(site: Site) -> Detours:
 
 def _lattice_of_detours(site: Site, count: int) -> tuple[Detours, bool]:
     """The costs, and whether it takes long to find them."""
-    path_cost, home = mission_cost_of(site), np.asarray(site.home_m)
-    path_cost = path_cost._replace(unit=ENERGY if site.scenario.objective == "energy" else TIME)
+    cost, home = mission_cost_of(site), np.asarray(site.home_m)
+    cost = cost._replace(unit=ENERGY if site.scenario.objective == "energy" else TIME)
     west, south, east, north = site.area.bounds
     positions = np.meshgrid(np.linspace(west, east, count), np.linspace(south, north, count))
     positions_m = np.column_stack([axis.ravel() for axis in positions])
@@ -121,11 +121,9 @@ def _lattice_of_detours(site: Site, count: int) -> tuple[Detours, bool]:
             end_m = np.array([*positions_m[k], ups_m[k]])
             flown_m = transit(site, home[:2], end_m, ground_end_height_m=site.scenario.vehicle.takeoff_height_m)
             too_high += is_too_high(site, flown_m)
-            straight_m = np.array([path_cost.climb_out_top, end_m])
+            straight_m = np.array([cost.climb_out_top, end_m])
             for column, direction in ((2 * level, 1), (2 * level + 1, -1)):
-                flown, straight = (
-                    _transit_cost(path_cost, home, line_m, direction) for line_m in (flown_m, straight_m)
-                )
+                flown, straight = (_transit_cost(cost, home, line_m, direction) for line_m in (flown_m, straight_m))
                 more[k, column] = flown - straight
     more[~np.isfinite(more)] = 0.0
     lattice = more.reshape(count, count, 4)
@@ -142,17 +140,15 @@ def _ends_of_band_m(site: Site) -> tuple[float, float]:
     return low_m, max(limits.max_height_agl_m - limits.height_margin_m, low_m + 1e-3)
 
 
-def _transit_cost(path_cost: PathCost, home_m: FloatArray, line_m: FloatArray, direction: int) -> float:
+def _transit_cost(cost: PathCost, home_m: FloatArray, line_m: FloatArray, direction: int) -> float:
     """Cost along a (k, 3) line from above home, with take-off, or against its direction (-1), with landing."""
-    climb_out_m, positions = (
-        float(line_m[0, 2] - home_m[2]), [tuple(position) for position in line_m[::direction].tolist()],
-    )  # fmt: skip
-    legs = sum(leg_cost(path_cost, p, q) for p, q in itertools.pairwise(positions))
-    turns = sum(turn_cost(path_cost, *three) for three in zip(positions, positions[1:], positions[2:], strict=False))
-    if path_cost.unit == ENERGY:
-        column = (takeoff_energy if direction > 0 else landing_energy)(path_cost.power, path_cost.pace, climb_out_m)
+    climb_out_m, points = float(line_m[0, 2] - home_m[2]), [tuple(point) for point in line_m[::direction].tolist()]
+    legs = sum(leg_cost(cost, p, q) for p, q in itertools.pairwise(points))
+    turns = sum(turn_cost(cost, *three) for three in zip(points, points[1:], points[2:], strict=False))
+    if cost.unit == ENERGY:
+        column = (takeoff_energy if direction > 0 else landing_energy)(cost.power, cost.pace, climb_out_m)
     else:
-        column = (takeoff_time if direction > 0 else landing_time)(path_cost.pace, climb_out_m)
+        column = (takeoff_time if direction > 0 else landing_time)(cost.pace, climb_out_m)
     return float(legs + turns + column)
 
 
@@ -254,14 +250,14 @@ class FlightEnergy:
             usable_s=usable_s(vehicle),
         )
 
-    def straight_flights(self, path_cost: PathCost, route_m: FloatArray) -> FlightEnergies:
+    def straight_flights(self, cost: PathCost, route_m: FloatArray) -> FlightEnergies:
         """Energy of the flights along parts of an (n, 3) route with straight transits."""
-        out, back = star_energies(self._power, self._pace, self.winds_m_s, path_cost.climb_out_top, route_m)
-        up, down = vertical_energies(self._power, self._pace, self.winds_m_s, path_cost.climb_out_m)
+        out, back = star_energies(self._power, self._pace, self.winds_m_s, cost.climb_out_top, route_m)
+        up, down = vertical_energies(self._power, self._pace, self.winds_m_s, cost.climb_out_m)
         there, home = out + up[:, None], back + down[:, None]
-        alone, n, top = there + home, len(route_m), np.array(path_cost.climb_out_top)
+        alone, n, top = there + home, len(route_m), np.array(cost.climb_out_top)
         tops = np.broadcast_to(top, (n, 3))
-        if path_cost.stop_at_first == 0:
+        if cost.stop_at_first == 0:
             alone += self._turns_s(tops, route_m, tops)
             there[:, :-1] += self._turns_s(tops[1:], route_m[:-1], route_m[1:])
         home[:, 1:] += self._turns_s(route_m[:-1], route_m[1:], tops[1:])

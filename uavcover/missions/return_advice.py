@@ -116,12 +116,8 @@ def destinations(site: Site, path_m: FloatArray, rally_m: FloatArray, autopilot:
     """Home and rally points (r, 3) ENU of a site, for a (k, 3) ENU path that ends above home."""
     home = np.zeros(3) if site.home_m is None else site.home_m
 
-    def alts(positions: FloatArray) -> FloatArray:
-        return (
-            np.column_stack([positions[:, :2], site.alts_amsl_m(positions)])
-            if len(positions)
-            else positions.reshape(0, 3)
-        )
+    def alts(points: FloatArray) -> FloatArray:
+        return np.column_stack([points[:, :2], site.alts_amsl_m(points)]) if len(points) else points.reshape(0, 3)
 
     # Compiled missions end with a landing: PX4 knows it as one, ArduPilot only behind a DO_LAND_START.
     landing = len(path_m) - 1 if autopilot == "px4" else None
@@ -224,9 +220,7 @@ def _proposed(site: Site, path_m: FloatArray, autopilot: AutopilotName) -> Float
     given = site.scenario.planner.rally
     if not isinstance(given, str):
         positions = rally_en(site.scenario, site.frame)
-        return np.array([next(_with_heights(site, position, autopilot)) for position in positions], float).reshape(
-            -1, 3
-        )
+        return np.array([next(_with_heights(site, p, autopilot)) for p in positions], float).reshape(-1, 3)
     if given != "auto":
         return np.empty((0, 3))
     known, key = _known(site), (path_m.tobytes(), autopilot)
@@ -306,11 +300,8 @@ def _candidates(site: Site, states: FlightStates, bad: BoolArray, autopilot: Aut
     _, first = np.unique(np.round(positions / _APART_M), axis=0, return_index=True)
     positions = positions[np.sort(first)]
     positions = positions[_may_land(site, positions)]
-    positions = (
-        positions[np.unique(np.linspace(0, len(positions) - 1, _MOST_CANDIDATES).astype(np.int64))]
-        if len(positions)
-        else positions
-    )
+    if len(positions):
+        positions = positions[np.unique(np.linspace(0, len(positions) - 1, _MOST_CANDIDATES).astype(np.int64))]
     found = [row for position in positions for row in _with_heights(site, position, autopilot)]
     return np.array(found, float).reshape(-1, 3)
 

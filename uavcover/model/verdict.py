@@ -118,11 +118,8 @@ def percent_beside(fraction: float, limit: float) -> str:
     94.998 % is below 95 %, where 95.00 % would not be.
     """
     digits = _FEWEST_DECIMALS
-    while (
-        fraction != limit
-        and digits < _MOST_DECIMALS
-        and f"{100.0 * fraction:.{digits}f}" == f"{100.0 * limit:.{digits}f}"
-    ):
+    one, other = 100.0 * fraction, 100.0 * limit
+    while fraction != limit and digits < _MOST_DECIMALS and f"{one:.{digits}f}" == f"{other:.{digits}f}":
         digits += 1
     return f"{100.0 * fraction:.{digits}f} %"
 

@@ -115,11 +115,8 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
     design = design_survey(wish, slope_deg=look.slope_deg, area_m2=look.area_m2, step_m=step_m)
     design = inside_data(design, dem, look, user)
     is_open = None if surface is None else surface.is_open
-    home = (
-        position_for_home(dem, look, avoid=closed, is_open=is_open)
-        if request.home is None
-        else _near(request.home, look)
-    )
+    given = request.home
+    home = position_for_home(dem, look, avoid=closed, is_open=is_open) if given is None else _near(given, look)
     home_m = read_height_amsl_m(dem, datum, lat_deg=home[0], lon_deg=home[1])
     highest_m = look.highest_amsl_m if surface is None else max(look.highest_amsl_m, surface.highest_amsl_m)
     vehicle = wish.vehicle

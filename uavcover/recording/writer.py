@@ -392,14 +392,9 @@ class LiveRecording:
         changed = observed & ~self._observed
         self._observed = observed
         return [
-            (
-                number,
-                np.repeat(np.where(observed[unobserved.cells], turned.rgba[-1], unobserved.rgba[0]), 4).astype(
-                    np.uint32
-                ),
-            )
-            for number, (unobserved, turned) in enumerate(self._tiles)
-            if changed[unobserved.cells].any()
+            (number, np.repeat(np.where(observed[plain.cells], turned.rgba[-1], plain.rgba[0]), 4).astype(np.uint32))
+            for number, (plain, turned) in enumerate(self._tiles)
+            if changed[plain.cells].any()
         ]
 
     def _copy(self, reading: int) -> None:

@@ -275,10 +275,8 @@ def cell_layers(content: ReportContent) -> list[CellLayer]:
     required = photos_required(coverage.site.scenario.sensor)
     layers: list[CellLayer | None] = []
     if verdict is None:
-        classes = [
-            (UNOBSERVED_RGB, "not observed", ~planned.observed),
-            (OBSERVED_RGB, "observed, as planned", planned.observed),
-        ]
+        there = planned.observed
+        classes = [(UNOBSERVED_RGB, "not observed", ~there), (OBSERVED_RGB, "observed, as planned", there)]
         layers.append(_classes_layer(coverage, "planned-coverage", "Coverage, planned", classes))
     else:
         layers += [coverage_layer(coverage, verdict.flown), gap_layer(coverage, verdict.flown)]
@@ -295,17 +293,12 @@ def _flown_layers(coverage: CoverageMap, verdict: Verdict) -> list[CellLayer | N
     passes = np.where(flown.passes > 0, flown.passes.astype(float), np.nan)
     # Of single pictures there are layers of their own.
     sample_m = np.full(flown.observed.size, np.nan) if verdict.photos is not None else flown.ground_sample_m
+    first_min = (flown.first_observed_s - start_s) / 60.0
     return [
         ramp_layer(coverage, key, title, values, colors, label)
         for key, title, values, colors, label in (
             ("looks", "Number of observations", passes, "viridis", label("{:.0f}")),
-            (
-                "first-seen",
-                "First observation",
-                (flown.first_observed_s - start_s) / 60.0,
-                "cividis",
-                label("{:.1f} min"),
-            ),
+            ("first-seen", "First observation", first_min, "cividis", label("{:.1f} min")),
             ("sample", "Ground sample distance", 100.0 * sample_m, "plasma_r", label("{:.1f} cm")),
             ("incidence", "Incidence angle", flown.incidence_deg, "magma_r", label("{:.0f}°")),
             ("distance", "Minimum distance", flown.nearest_m, "plasma_r", label("{:.0f} m")),

@@ -401,10 +401,8 @@ def _top_view(content: ReportContent) -> Figure:
     waypoints = content.planned.route.waypoints_m
     axes.scatter(waypoints[:, 0], waypoints[:, 1], color=_PLANNED, s=12, zorder=3)
     if len(waypoints) <= FIGURES.max_numbers:
-        for number, position in enumerate(waypoints):
-            axes.annotate(
-                str(number), position[:2], xytext=(3, 3), textcoords="offset points", fontsize=6, color="white"
-            )
+        for number, point in enumerate(waypoints):
+            axes.annotate(str(number), point[:2], xytext=(3, 3), textcoords="offset points", fontsize=6, color="white")
     axes.set(xlabel="east, m", ylabel="north, m", title=content.site.scenario.name, aspect="equal")
     axes.legend(loc="upper right")
     return figure

@@ -304,9 +304,7 @@ def _obstacle(polygon: ElementTree.Element, stated_m: float | None, name: str) -
     boundaries = [each for each in polygon if local_name(each) in ("outerBoundaryIs", "innerBoundaryIs")]
     for boundary in sorted(boundaries, key=lambda each: local_name(each) != "outerBoundaryIs"):
         text = next((each.text or "" for each in boundary.iter() if local_name(each) == "coordinates"), "")
-        corners = [
-            [number_in(part, f"{name}, coordinates") for part in position.split(",")] for position in text.split()
-        ]
+        corners = [[number_in(part, f"{name}, coordinates") for part in corner.split(",")] for corner in text.split()]
         if any(len(corner) < 2 for corner in corners):
             raise ScenarioError(f"{name}: a corner has no longitude and latitude")
         rings.append(tuple((corner[0], corner[1]) for corner in corners))

@@ -242,10 +242,8 @@ def _fractions(judged: Sequence[JudgedTrack], unobserved: Sequence[Unobserved]) 
     }
     route_s = max(route_s, missing["route"])
     transit_s = max(transit_s, missing["transit"])
-    return (
-        missing["route"] / route_s if route_s > 0.0 else None,
-        missing["transit"] / transit_s if transit_s > 0.0 else 0.0,
-    )
+    of_transits = missing["transit"] / transit_s if transit_s > 0.0 else 0.0
+    return missing["route"] / route_s if route_s > 0.0 else None, of_transits
 
 
 def _longest(site: Site, unobserved: Sequence[Unobserved], phase: str) -> str:
@@ -340,14 +338,9 @@ def _observed_rows(scenario: Scenario, report: VerificationReport, judge: "_Judg
     outer = ("before the first sample", "after the last sample")
     ends = "; ".join(stretch.detail for stretch in report.unobserved if stretch.reason in outer) or "yes"
     most, most_s = requirements.max_unobserved_fraction, f"at most {requirements.max_unobserved_gap_s:g} s"
-    gap = "Longest interval in flight without evidence"
+    gap, most_of_it = "Longest interval in flight without evidence", f"at most {100.0 * most:g} %"
     return [
-        judge.row(
-            "unobserved-fraction",
-            "Route time without evidence",
-            f"at most {100.0 * most:g} %",
-            _fraction(missing, most),
-        ),
+        judge.row("unobserved-fraction", "Route time without evidence", most_of_it, _fraction(missing, most)),
         judge.row("unobserved-gap", gap, most_s, f"{longest_s:.1f} s"),
         judge.row("ends", "Track starts and ends on the ground", "always", ends),
     ]

@@ -83,10 +83,8 @@ def _exits(circle: Segment, leg: Segment) -> list[Segment]:
     ])  # fmt: skip
     up_m = leg.enu_m[0, 2]
     return [
-        Segment(
-            leg.items, "route", np.array([[*(center + fraction * spoke), up_m], to]), leg.speed_m_s, is_straight=False
-        )
-        for fraction in _FRACTIONS
+        Segment(leg.items, "route", np.array([[*(center + part * spoke), up_m], to]), leg.speed_m_s, is_straight=False)
+        for part in _FRACTIONS
     ]
 
 

@@ -131,9 +131,7 @@ class _View:
     def outline(self, shape: shapely.geometry.base.BaseGeometry) -> str:
         """The edge of an area inside the map. A polygon cut off at the map's edge would have an edge there too."""
         lines = shapely.get_parts(shape.boundary.intersection(self._frame))
-        return " ".join(
-            _path([self.at(*position) for position in shapely.get_coordinates(line).tolist()]) for line in lines
-        )
+        return " ".join(_path([self.at(*point) for point in shapely.get_coordinates(line).tolist()]) for line in lines)
 
     def line(self, points_m: FloatArray) -> str:
         return _path([self.at(float(east), float(north)) for east, north in points_m[:, :2]])

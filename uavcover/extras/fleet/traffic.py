@@ -243,9 +243,8 @@ class Traffic:
                     positions = other.home_m[None]
                 elif other.phase in _IN_THE_AIR:
                     # One that holds now may go on at any time.
-                    going_on = (
-                        _as_planned(other)(times_s) if other.phase is FleetPhase.FLYING else other.position_m[None]
-                    )
+                    flies = other.phase is FleetPhase.FLYING
+                    going_on = _as_planned(other)(times_s) if flies else other.position_m[None]
                     positions = np.vstack([going_on, self._from_now(other, now)(times_s)])
                 else:
                     continue
@@ -323,9 +322,8 @@ class Traffic:
             case FleetPhase.WAITING:
                 return True
             case FleetPhase.DOWN:
-                near = (
-                    float(np.linalg.norm(flight.home_m - own.timeline.position_m[0])) < self._fleet.planned_separation_m
-                )
+                away_m = float(np.linalg.norm(flight.home_m - own.timeline.position_m[0]))
+                near = away_m < self._fleet.planned_separation_m
                 return not near or now >= flight.free_s
             case FleetPhase.FLYING:
                 difference_s = now - flight.as_if_begun_s

@@ -402,9 +402,8 @@ class _Sorties:
             battery_s(costs.energies, 0, last) / costs.energies.usable_s,
             items / costs.item_limit,
         )
-        return SortiePart(
-            area, begin_m, float(route_cost(self._site.ground.surface, self._path_cost, begin_m)), float(load)
-        )
+        cost = float(route_cost(self._site.ground.surface, self._path_cost, begin_m))
+        return SortiePart(area, begin_m, cost, float(load))
 
     def breaks_limits(self, route_m: FloatArray) -> bool:
         """Whether a flight keeps no limit on legs."""

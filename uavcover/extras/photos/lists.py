@@ -187,15 +187,9 @@ def read_table(path: Path) -> list[Photo]:
             f"{path}: the file has no column for {', '.join(lacking)}; its columns are {', '.join(rows[0][1])[:100]}; "
             "use columns such as name, latitude, longitude, altitude, yaw, pitch, roll"
         )
+    tables = position, references, texts
     return [
-        _of_row(
-            path,
-            number,
-            *(
-                {key: cells[k] if k < len(cells) else "" for key, k in of.items()}
-                for of in (position, references, texts)
-            ),
-        )
+        _of_row(path, number, *({key: cells[k] if k < len(cells) else "" for key, k in of.items()} for of in tables))
         for number, cells in rows[1:]
     ]
 

@@ -226,9 +226,9 @@ def _counted(
     placed = placed.without(left_out)
     shown = shown_cells(coverage, placed, request.detection)
     overlaps = request.area is None or request.area.overlap is not None
-    photos_needed = photos_required(site.scenario.sensor) if overlaps else None
+    needed = photos_required(site.scenario.sensor) if overlaps else None
     verdict = PhotoVerdict(
-        site, coverage, placed, shown, drawn_cells(coverage), photos_needed, blur[kept], [], Judgement(), {}
+        site, coverage, placed, shown, drawn_cells(coverage), needed, blur[kept], [], Judgement(), {}
     )
     return replace(verdict, gaps=find_gaps(coverage, verdict.coverage_as_required))
 
@@ -257,10 +257,8 @@ def _required(request: PhotoRequest, site: Site) -> tuple[float, float]:
     if request.area is not None:
         return request.coverage or USUAL_COVERAGE, OVERLAP_FRACTION
     requirements = site.scenario.requirements
-    return (
-        request.coverage or requirements.min_coverage_of_coverable,
-        requirements.min_overlap_fraction or OVERLAP_FRACTION,
-    )
+    overlap = requirements.min_overlap_fraction or OVERLAP_FRACTION
+    return request.coverage or requirements.min_coverage_of_coverable, overlap
 
 
 def _answer(sure: float, possible: float, wanted: float) -> Holds:
@@ -271,7 +269,7 @@ def _document(
     request: PhotoRequest, found: PhotoSet, verdict: PhotoVerdict, heights_m: FloatArray, blur_unknown: int
 ) -> dict[str, Any]:
     placed, shown, coverage, drawn = verdict.placed, verdict.shown, verdict.coverage, verdict.drawn
-    photos_needed = verdict.required
+    needed = verdict.required
     weight = coverage.grid.weight_m2
     can_be = drawn & (coverage.coverable | shown.coverage.observed)
     if not can_be.any():
@@ -282,11 +280,7 @@ def _document(
 
     flown = shown.coverage
     observed, sure, possible = fraction(flown.observed), fraction(flown.certain_cells), fraction(flown.possible_cells)
-    overlap = (
-        None
-        if photos_needed is None
-        else float(weight[drawn & (shown.photos >= photos_needed)].sum() / weight[drawn].sum())
-    )
+    overlap = None if needed is None else float(weight[drawn & (shown.photos >= needed)].sum() / weight[drawn].sum())
     required, overlap_required = _required(request, verdict.site)
     holds = None if overlap is None else overlap >= overlap_required
     answer = _answer(sure, possible, required)
@@ -314,7 +308,7 @@ def _document(
         "possibly": possible,
         "required": required,
         "coverage_holds": answer,
-        "pictures_asked": photos_needed,
+        "pictures_asked": needed,
         "overlap_fraction": overlap,
         "overlap_required": None if overlap is None else overlap_required,
         "overlap_holds": holds,

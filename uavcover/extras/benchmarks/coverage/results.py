@@ -401,10 +401,8 @@ def _counts(outcomes: Outcomes, scenario: str) -> str:
         if samples:
             full = known([sample.fewest_full for sample in samples])
             forty = known([100 * sample.most_with(_FORTY) for sample in samples])
-            observed = (
-                f"{_mean(full, 1, worst=max)} ({len(full)}/{len(samples)})" if full else f"none (0/{len(samples)})"
-            )
-            lines.append([name, effort, observed, _mean(forty, 2, worst=min)])
+            full_m = f"{_mean(full, 1, worst=max)} ({len(full)}/{len(samples)})" if full else f"none (0/{len(samples)})"
+            lines.append([name, effort, full_m, _mean(forty, 2, worst=min)])
     return (
         markdown(["contender", "effort", "fewest for full coverage", f"most coverage with {_FORTY}, %"], lines) + "\n"
     )
