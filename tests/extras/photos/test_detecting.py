@@ -67,7 +67,7 @@ def test_more_chances_find_more_and_never_less_than_the_best_look(searched):
 
 
 @pytest.mark.parametrize(
-    ("independent", "which"), [("none", "best_look"), ("sides", "by_sides"), ("photos", "by_photos")]
+    ("independent", "which"), [("none", "best_look"), ("sides", "by_sides"), ("pictures", "by_photos")]
 )
 def test_the_curve_says_which_looks_are_chances_of_their_own(independent, which):
     parts = {"best_look": np.array([0.1]), "by_sides": np.array([0.2]), "by_photos": np.array([0.3])}
