@@ -19,17 +19,15 @@ import numpy.typing as npt
 from uavcover.errors import InputError, OptimizerError, UavcoverError
 from uavcover.kernels.arrays import FloatArray, read_only
 from uavcover.optimizers.ask_tell import Archive, AskAndTell, AskTellOptimizer, Box, ParetoSet, Solutions, finite_array
-from uavcover.optimizers.dung_beetle_variants import (
+from uavcover.optimizers.imodbo import (
     DBO,
+    IMODBO,
+    MODBO,
     ImodboMinusDynamicParameters,
     ImodboMinusLatinHypercube,
     ImodboMinusSineCosine,
     ImodboOwnBest,
     ModboOwnBest,
-)
-from uavcover.optimizers.imodbo import (
-    IMODBO,
-    MODBO,
     ModboPlusDynamicParameters,
     ModboPlusLatinHypercube,
     ModboPlusSineCosine,
