@@ -274,7 +274,9 @@ def test_enough_and_small_gaps(cli: Cli, torn: Path) -> None:
     assert enough["coverage_after"] >= 0.985
     nothing = cli("gaps", torn, "--min-area", 1e9, "--force", "--json").document
     assert nothing["mission"] is None
-    assert "no gaps to close" in cli("gaps", torn, "--target", 0.5, "--force", code=0).out
+    said = cli("gaps", torn, "--target", 0.5, "--force", code=0).out
+    assert "no gaps to close" in said
+    assert "gaps contains the mission for earlier gaps; do not fly it again" in said
 
 
 def test_an_older_gap_mission_is_not_overwritten(cli: Cli, torn: Path) -> None:

@@ -110,6 +110,8 @@ def close_gaps(
     wanted = [gap for gap in report.gaps if gap.coverable and gap.area_m2 >= min_area_m2]
     if not wanted or (target is not None and report.coverage_of_coverable >= target):
         user.say(f"no gaps to close; wrote {run.file('gaps.geojson')}")
+        if (older := RunFolder(run.file(GAP_FOLDER))).file("mission.waypoints").is_file():
+            user.say(f"{older} contains the mission for earlier gaps; do not fly it again")
         return None, document
     with user.progress("planning the gap mission"):
         own_logs = list(request.logs) or flown_tracks(run)
