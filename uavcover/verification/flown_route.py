@@ -257,7 +257,7 @@ def on_route(
         return np.ones(len(track), dtype=bool)
     first = _nearest(enu_m, planned.waypoints_m[0], acceptance_radius_m)
     last = len(track) - 1 - _nearest(enu_m[::-1], planned.waypoints_m[-1], acceptance_radius_m)
-    if passed is not None and passed.passed.any():
+    if passed is not None and np.count_nonzero(passed.passed) > 1:  # one alone is passed in any order
         at = passed.samples[passed.passed]
         first = first if first <= at[0] else int(at[0]) * on_ground[0]
         last = last if last >= at[-1] else int(at[-1]) if on_ground[1] else len(track) - 1
