@@ -25,7 +25,7 @@ def test_the_public_names() -> None:
 
 
 def test_every_public_name_has_one_place() -> None:
-    positions = {name for names in uc._POSITIONS.values() for name in names}
+    positions = {name for names in uc._MODULES.values() for name in names}
     assert positions | (NAMES & set(vars(uc))) == NAMES
 
 

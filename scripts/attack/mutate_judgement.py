@@ -59,7 +59,7 @@ TESTS: dict[str, list[str]] = {
         "tests/planner/test_gap_route.py",
     ],
     "uavcover/missions/leg_checks.py": [
-        "tests/missions/test_leg_checks.py", "tests/missions/test_mission_compiler.py", "tests/missions/test_ways_home.py",
+        "tests/missions/test_leg_checks.py", "tests/missions/test_mission_compiler.py", "tests/missions/test_return_paths.py",
         "tests/planner/test_detours.py",
         "tests/planner/test_swaths.py", "tests/planner/test_gap_route.py",
     ],

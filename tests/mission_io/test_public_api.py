@@ -23,7 +23,7 @@ def test_the_exported_names() -> None:
 
 
 def test_the_places_name_the_same() -> None:
-    assert sorted(mission_io._POSITION_OF) == sorted(NAMES.split())
+    assert sorted(mission_io._MODULE_OF) == sorted(NAMES.split())
     assert set(NAMES.split()) <= set(dir(mission_io))
     with pytest.raises(AttributeError, match="no_such_name"):
         _ = mission_io.no_such_name
