@@ -1,6 +1,7 @@
 """A simulator's process: headless, in a session of its own, its console in a file, ended by its process id."""
 
 import os
+import random
 import socket
 import subprocess
 import time
@@ -14,6 +15,8 @@ from sitl_tests.errors import SimulatorError
 _END_S = 10.0
 _LOOK_AGAIN_S = 0.05
 CONSOLE = "console.txt"
+_PORTS = range(20000, 32000)
+"""Below those that Linux gives to sockets that ask for any (``ip_local_port_range``): the simulator's own, for one."""
 
 
 class SimulatorProcess:
@@ -86,11 +89,8 @@ class SimulatorProcess:
 
 
 def free_udp_port() -> int:
-    """A UDP port of 127.0.0.1 that nobody listens on now."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
+    """A UDP port that nobody listens on now, and that no other socket gets before a station listens there."""
+    return next(port for port in random.sample(_PORTS, len(_PORTS)) if is_udp_port_free(port))
 
 
 def is_udp_port_free(port: int) -> bool:

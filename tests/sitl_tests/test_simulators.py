@@ -5,7 +5,7 @@ import pytest
 from mission_io.model.items import GeoPoint
 from sitl_tests.errors import MissingSimulatorError, SimulatorError
 from sitl_tests.simulators import ardupilot, px4
-from sitl_tests.simulators.process import SimulatorProcess
+from sitl_tests.simulators.process import SimulatorProcess, free_udp_port
 from sitl_tests.simulators.running import StartRequest
 
 STARTS = [
@@ -62,3 +62,10 @@ def test_a_simulator_that_ends_at_once_is_an_error_with_its_console(tmp_path):
     with SimulatorProcess(command, tmp_path) as process, pytest.raises(SimulatorError, match=says):
         process.wait_for_line("ready", within_s=30.0)
     assert "no such model" in (tmp_path / "console.txt").read_text()
+
+
+def test_ports_are_none_that_the_system_gives_to_other_sockets():
+    """A port from the system's own range was given to another socket before a station listened on it."""
+    with open("/proc/sys/net/ipv4/ip_local_port_range") as limits:
+        lowest = int(limits.read().split()[0])
+    assert 1024 < free_udp_port() < lowest
