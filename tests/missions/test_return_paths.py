@@ -103,6 +103,14 @@ def test_the_rally_point_is_home_at_a_safe_height() -> None:
     assert point.alt_m >= found.return_advice.safe_return_height_m > 60.0
 
 
+def test_the_rally_point_at_home_does_not_raise_returns_that_are_safe() -> None:
+    """It stood at 524 m above the demo's home, and a vehicle that began 3 m from there would have climbed to it."""
+    found = compiled(make_site())
+    (point,) = found.rally.points
+    assert found.return_advice.unsafe == ()
+    assert point.alt_m == found.return_advice.return_height_m
+
+
 # The way home from anywhere
 
 

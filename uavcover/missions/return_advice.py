@@ -203,7 +203,7 @@ _SLACK_M = 1.0
 
 
 def with_rally(returns: OwnReturns) -> tuple[OwnReturns, ReturnAdvice]:
-    """The returns of a flight with rally points, judged: home at a safe height, and proposed ones if requested."""
+    """The returns of a flight with rally points, judged: home at the return height to set, and proposed ones if requested."""
     site = returns.site
     proposed = _above_home(site, _proposed(site, returns.path_m, returns.autopilot))
     returns = replace(returns, rally=proposed)
@@ -211,8 +211,7 @@ def with_rally(returns: OwnReturns) -> tuple[OwnReturns, ReturnAdvice]:
     if site.home_m is None or not math.isfinite(advice.safe_return_height_m):
         return returns, advice
     (home,) = _above_home(site, site.home_m[None])
-    height = max(advice.return_height_m, math.ceil(advice.safe_return_height_m))
-    return replace(returns, rally=(replace(home, alt_m=float(height)), *proposed)), advice
+    return replace(returns, rally=(replace(home, alt_m=advice.needed_height_m), *proposed)), advice
 
 
 def _proposed(site: Site, path_m: FloatArray, autopilot: AutopilotName) -> FloatArray:
