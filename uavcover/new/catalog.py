@@ -174,6 +174,7 @@ class VehicleType:
     max_climb_m_s: float | None = None  # largest upward speed
     max_descent_m_s: float | None = None  # largest downward speed
     acceleration_m_s2: float | None = None  # over ground
+    return_height_m: float | None = None  # height above home of the autopilot's own return
     autopilot: AutopilotName | None = None  # whose conventions it follows
     source: str = ""  # where the values are from
 

@@ -7,6 +7,8 @@ import pytest
 
 import uavcover
 from tests.cli.conftest import Cli
+from uavcover.cli.new import ElevationData
+from uavcover.extras.check.mission_file import CheckQuery, aircraft_of, read_mission_file
 
 DEM = Path(uavcover.__file__).parent / "data" / "jacksboro.tif"
 HOME = "0\t1\t0\t16\t0\t0\t0\t0\t36.4762\t-84.2160\t485\t1"
@@ -322,3 +324,16 @@ def test_the_time_is_that_of_the_plan_or_of_the_vehicles_parameters(cli: Cli, pl
     (tmp_path / "own.param").write_text("WPNAV_SPEED_UP,500\nWPNAV_SPEED_DN,500\n")
     own = cli("check", elsewhere, *dem, "--parameters", tmp_path / "own.param", "--json")
     assert own.document["figures"]["time_s"] == pytest.approx(planned_s, rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["mission.waypoints", "mission.plan"])
+def test_a_run_is_checked_with_what_it_was_planned_for(cli: Cli, planned: Path, name: str) -> None:
+    """Its returns had the autopilot's default height, and ``.waypoints`` neither the fence nor the rally points beside it."""
+    file, asked = planned / name, ("--dem", "uavcover/data/jacksboro.tif", "--json")
+    assert cli("check", file, *asked).code == 0
+    aircraft = aircraft_of(CheckQuery(file=file, elevation=ElevationData(names=(str(DEM),))), read_mission_file(file))
+    assert (aircraft.return_height_m, aircraft.return_height_from) == (80.0, "as planned")
+    rally = "1\t0\t3\t5100\t0\t0\t0\t0\t36.48\t-84.22\t-99\t1"
+    (planned / "rally.waypoints").write_text(f"QGC WPL 110\n{HOME}\n{rally}\n")
+    findings = cli("check", file, *asked).document["findings"]
+    assert ("rally" in {one["kind"] for one in findings}) == (name == "mission.waypoints")

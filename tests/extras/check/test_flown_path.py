@@ -1,14 +1,16 @@
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from mission_io.model.items import Command, Frame, MissionItem
-from tests.extras.check.worlds import COPTER, PLANE, command, home, item, mission, up, waypoint, world
+from mission_io.model.items import Command, Frame, FramedPoint, MissionItem
+from tests.extras.check.worlds import COPTER, PLANE, command, home, item, lat_lon, mission, up, waypoint, world
 from uavcover.extras.check.findings import FlownPath
 from uavcover.extras.check.flown_path import flown_path
 from uavcover.extras.check.item_checks import order_of
-from uavcover.extras.check.world import Aircraft, default_aircraft, return_height_m
+from uavcover.extras.check.return_checks import OwnReturn
+from uavcover.extras.check.world import Aircraft, default_aircraft
 
 PX4 = Aircraft(autopilot="px4", return_height_m=60.0)
 
@@ -24,8 +26,8 @@ def ends(path: FlownPath) -> list[tuple[float, float, float]]:
 
 def test_a_whole_flight() -> None:
     path = flown(up(50.0), waypoint(200.0, 100.0, 80.0), home())
-    assert ends(path) == [(0, 0, 50), (200, 100, 80), (200, 100, 80), (0, 0, 80), (0, 0, 0)]
-    assert [segment.phase for segment in path.segments] == ["take-off", "route", "return", "return", "landing"]
+    assert ends(path) == [(0, 0, 50), (200, 100, 80), (0, 0, 80), (0, 0, 0)]
+    assert [segment.phase for segment in path.segments] == ["take-off", "route", "return", "landing"]
     assert path.findings == ()
 
 
@@ -98,7 +100,7 @@ def test_landing_is_level_and_then_straight_down() -> None:
 
 
 def test_what_follows_the_end_is_flown_only_after_another_take_off() -> None:
-    assert len(flown(up(), home(), waypoint(900.0, 0.0, 50.0)).segments) == 4
+    assert len(flown(up(), home(), waypoint(900.0, 0.0, 50.0)).segments) == 2
     again = flown(up(), item(Command.NAV_LAND, 0.0, 0.0, 0.0), up(), waypoint(200.0, 0.0, 50.0), home())
     assert (200, 0, 50) in ends(again)
     lands = (command(Command.DO_LAND_START), item(Command.NAV_LAND, 300.0, 0.0, 0.0))
@@ -113,18 +115,57 @@ def test_speeds_and_delays() -> None:
 
 
 @pytest.mark.parametrize(
-    ("height_m", "distance_m", "expected_m"),
-    [(20.0, 500.0, 60.0), (80.0, 500.0, 80.0), (1.0, 10.0, 30.0), (0.0, 0.0, 2.0)],
+    ("height_m", "distance_m", "copter_m", "px4_m"),
+    [(20.0, 500.0, 60.0, 60.0), (80.0, 500.0, 80.0, 80.0), (1.0, 11.0, 33.0, 60.0), (1.0, 5.0, 15.0, 5.0)],
 )
-def test_arducopter_returns_lower_near_home(height_m: float, distance_m: float, expected_m: float) -> None:
-    assert return_height_m(height_m, distance_m, COPTER) == expected_m
-    assert return_height_m(height_m, distance_m, PX4) == max(60.0, height_m)
+def test_returns_are_lower_near_home(height_m: float, distance_m: float, copter_m: float, px4_m: float) -> None:
+    assert top_of_return_m(height_m, distance_m, COPTER) == copter_m
+    assert top_of_return_m(height_m, distance_m, PX4) == px4_m
+
+
+def top_of_return_m(
+    height_m: float, distance_m: float, aircraft: Aircraft, parameters: Mapping[str, float] | None = None
+) -> float:
+    own = OwnReturn(parameters=parameters or {})
+    path = flown_path(mission(up(height_m), waypoint(distance_m, 0.0, height_m), home()), world(), aircraft, own)
+    return max(height for (_, _, height), one in zip(ends(path), path.segments, strict=True) if one.phase == "return")
 
 
 def test_returns_by_other_parameters() -> None:
-    assert return_height_m(1.0, 10.0, replace(COPTER, cone_slope=0.0)) == 60.0
-    assert return_height_m(1.0, 10.0, replace(COPTER, cone_slope=1.0)) == 10.0
-    assert return_height_m(80.0, 10.0, replace(PLANE, return_height_m=-1.0)) == 80.0
+    assert top_of_return_m(1.0, 10.0, COPTER, {"RTL_CONE_SLOPE": 0.0}) == 60.0
+    assert top_of_return_m(1.0, 10.0, COPTER, {"RTL_CONE_SLOPE": 1.0}) == 10.0
+    assert top_of_return_m(80.0, 10.0, replace(PLANE, return_height_m=-1.0)) == 80.0
+
+
+RALLY = FramedPoint(*lat_lon(200.0, 0.0), 90.0, Frame.ABOVE_HOME)
+"""Nearer to the last waypoint than home."""
+
+
+@pytest.mark.parametrize(
+    ("aircraft", "parameters", "end"),
+    [
+        (COPTER, {}, [(300, 0, 90), (200, 0, 90), (200, 0, 0)]),
+        (COPTER, {"RALLY_LIMIT_KM": 0.05}, [(300, 0, 60), (0, 0, 60), (0, 0, 0)]),
+        (COPTER, {"RTL_ALT_FINAL": 2000.0}, [(300, 0, 90), (200, 0, 90), (200, 0, 20)]),
+        (PX4, {}, [(300, 0, 150), (200, 0, 150), (200, 0, 0)]),
+        (replace(PLANE, return_height_m=60.0), {}, [(200, 0, 70)]),  # it climbs at 3 of 15 m/s, and circles there
+    ],
+)
+def test_a_return_of_the_mission_ends_at_a_rally_point(
+    aircraft: Aircraft, parameters: dict[str, float], end: list[tuple[float, float, float]]
+) -> None:
+    """It was flown home, whatever rally points the vehicle had."""
+    items = mission(up(50.0), waypoint(300.0, 0.0, 50.0), home())
+    path = flown_path(items, world(), aircraft, OwnReturn(parameters=parameters, rally=(RALLY,)))
+    assert ends(path)[2:] == end
+
+
+def test_a_return_along_the_mission_is_not_known() -> None:
+    items = mission(up(50.0), waypoint(300.0, 0.0, 50.0), home())
+    for kind, unknown in ((0, False), (1, False), (2, True), (4, True)):
+        path = flown_path(items, world(), PX4, OwnReturn(parameters={"RTL_TYPE": float(kind)}))
+        assert bool(path.findings) == unknown, kind
+        assert all((one.kind, one.weight) == ("meaning", "unknown") for one in path.findings)
 
 
 def kinds(path: FlownPath) -> list[str]:

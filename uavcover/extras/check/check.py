@@ -65,7 +65,7 @@ class CheckRequest:
     pilot: tuple[float, float] | None = None  # latitude and longitude of the pilot; None: at home
     obstacles: tuple[Obstacle, ...] = ()  # in longitude and latitude
     # the autopilot's own returns
-    own_return: OwnReturn = field(default_factory=lambda: OwnReturn(parameters={}))
+    own_return: OwnReturn = field(default_factory=OwnReturn)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -112,8 +112,9 @@ def check_mission(
     if positions.home is None or impossible:
         return Checked(_sorted(findings), None, None, 0.0)
     world, prisms = _world(request, positions.home, positions.skipped, read_ground, read_surface)
-    path = flown_path(mission, world, aircraft, skipped=positions.skipped)
-    surroundings = replace(_surroundings(request, world, path, read_zones), prisms=prisms)
+    fence = local_fence(request.fence, world, aircraft.autopilot)
+    path = flown_path(mission, world, aircraft, request.own_return, fence, skipped=positions.skipped)
+    surroundings = replace(_surroundings(request, world, path, read_zones), fence=fence, prisms=prisms)
     findings += path.findings
     findings += with_hints(height_findings(path, world, limits), mission, world, limits)
     turns = turns_of(path, mission, aircraft)
@@ -206,7 +207,6 @@ def _surroundings(request: CheckRequest, world: World, path: FlownPath, read_zon
     pilot = (0.0, 0.0) if request.pilot is None else world.position(*request.pilot)
     eye = world.above_ground([pilot], WORLD.eye_m)[0]
     return Surroundings(
-        fence=local_fence(request.fence, world, request.aircraft.autopilot),
         zones=local_zones(entries, world.frame, box),
         pilot_m=eye if np.isfinite(eye).all() else None,
         obstacle_clearance_m=request.limits.obstacle_clearance_m,

@@ -14,9 +14,10 @@ import numpy as np
 from mission_io.model.items import LAST_NAVIGATION, Command, Frame, Mission, MissionItem, SpeedType
 from uavcover.extras.check.findings import CheckFinding, Deed, FlownPath, Phase, Segment
 from uavcover.extras.check.item_checks import order_of
+from uavcover.extras.check.return_checks import OwnReturn, mission_return
 from uavcover.extras.check.tuning import PATH
 from uavcover.extras.check.turns import circle, spline, straight
-from uavcover.extras.check.world import Aircraft, World, return_height_m
+from uavcover.extras.check.world import Aircraft, LocalFence, World
 from uavcover.kernels.arrays import FloatArray
 
 _REGION_OF_INTEREST, _GUIDED_ENABLE = 80, 92
@@ -25,6 +26,8 @@ CONDITIONAL: Final = "a condition delays this item, or skips it where the leg en
 DO_IT_AT_ONCE: Final = "remove the condition before it, or insert a waypoint"
 _FREE_FLIGHT: Final = frozenset({42702, 42703})
 """ArduPilot's NAV_SCRIPT_TIME and NAV_ATTITUDE_TIME: a script, or angles, fly in place of the mission."""
+
+_BY_DEFAULT, _NO_FENCE = OwnReturn(), LocalFence()
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,18 +45,21 @@ class _Position:
 
 
 def flown_path(
-    mission: Mission, world: World, aircraft: Aircraft, *, skipped: frozenset[int] = frozenset()
-) -> FlownPath:
+    mission: Mission, world: World, aircraft: Aircraft, own: OwnReturn = _BY_DEFAULT, fence: LocalFence = _NO_FENCE,
+    *, skipped: frozenset[int] = frozenset(),
+) -> FlownPath:  # fmt: skip
     """The path of a mission that begins on the ground at home.
 
     Args:
         mission: its items.
         world: where home and the ground are.
         aircraft: who flies it.
+        own: where the autopilot returns to at a RETURN_TO_LAUNCH.
+        fence: outside of which ArduPilot leaves out rally points.
         skipped: numbers of items that are omitted because their place is not one to fly to.
     """
     item_order = order_of(mission.items, aircraft.autopilot)
-    flight = _Flight(mission, world, aircraft)
+    flight = _Flight(mission, world, aircraft, own, fence)
     order = [number for number in item_order.numbers if number not in skipped]
     for k, number in enumerate(order):
         if not flight.has_ended or flight.begins_again(number):
@@ -65,8 +71,9 @@ def flown_path(
 class _Flight:
     """Flies items one after the other."""
 
-    def __init__(self, mission: Mission, world: World, aircraft: Aircraft) -> None:
+    def __init__(self, mission: Mission, world: World, aircraft: Aircraft, own: OwnReturn, fence: LocalFence) -> None:
         self._items, self._world, self._aircraft = mission.items, world, aircraft
+        self._own, self._fence = own, fence
         self._at = _Position(0.0, 0.0, world.home_alt_amsl_m)
         self._number = 0
         self._speed_m_s = aircraft.cruise_speed_m_s
@@ -232,14 +239,19 @@ class _Flight:
         self._vector_m = None
 
     def _return(self, number: int, _: MissionItem) -> None:
-        aircraft, at = self._aircraft, self._in_kind(self._at, over_terrain=False)
-        home_m = self._world.home_alt_amsl_m
-        height_m = home_m + return_height_m(at.height_m - home_m, math.hypot(at.east_m, at.north_m), aircraft)
-        if not aircraft.has_wings:
-            self._go(number, _Position(at.east_m, at.north_m, height_m), phase="return")
-        self._go(number, _Position(0.0, 0.0, height_m), phase="return")
-        if not aircraft.has_wings:
-            self._go(number, _Position(0.0, 0.0, self._world.home_alt_amsl_m), phase="landing")
+        self._at = self._in_kind(self._at, over_terrain=False)
+        back, settings = mission_return(self._at.array, self._world, self._aircraft, self._own, self._fence)
+        kind = round(settings["return_type"]) if self._aircraft.autopilot == "px4" else 0
+        lands = any(item.command in (*_LANDINGS, Command.DO_LAND_START) for item in self._items)
+        if kind in (2, 4) or (kind in (1, 3) and lands):
+            self._look(number, "meaning", f"RTL_TYPE {kind} returns along the mission or to its landing; "
+                       "this return is judged as a straight path to home or a safe point",
+                       "set RTL_TYPE to 0, or replace the item by waypoints and a landing", "unknown")  # fmt: skip
+        for point, stage in zip(back.points_m[0, 1:], back.stages, strict=True):
+            east, north, alt = map(float, point)
+            to = _Position(east, north, alt)
+            if to != self._at:
+                self._go(number, to, phase="landing" if stage in ("descend", "land") else "return")
         self._is_over = True
 
     def _land(self, number: int, item: MissionItem) -> None:

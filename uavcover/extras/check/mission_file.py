@@ -122,6 +122,7 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
         FormatError: the mission file is none.
     """
     read = read_mission_file(query.file)
+    query = _with_files_beside(query, read)
     for repair in read.repairs:
         user.warn(f"{query.file}: repaired: {repair}")
     if read.points:
@@ -138,12 +139,8 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
     elevation = open_check_elevation(query.elevation, query.surface, read.mission, home, user, trusted=query.trust_dem)
     request = CheckRequest(
         mission=read.mission, aircraft=aircraft, limits=query.limits, home=home, pilot=query.pilot,
-        fence=_read_fence(query.fence) if query.fence is not None else read.fence,
-        obstacles=_read_obstacles(query.obstacles),
-        own_return=OwnReturn(
-            parameters={} if query.parameters is None else read_parameter_file(query.parameters),
-            rally=read.rally if query.rally is None else _read_rally(query.rally),
-        ),
+        fence=read.fence if query.fence is None else _read_fence(query.fence),
+        obstacles=_read_obstacles(query.obstacles), own_return=own_return_of(query, read),
     )  # fmt: skip
 
     def zones(near: Bounds) -> Sequence[NoFly]:
@@ -183,6 +180,25 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
 
     view = planned_view(query.view, read.mission, checked, aircraft, looked_at)
     return CheckOutcome(checked if view is None else checked.with_findings(view.findings), aircraft, view)
+
+
+def own_return_of(query: CheckQuery, read: ReadMission) -> OwnReturn:
+    """Parameters and rally points for the autopilot's own returns."""
+    return OwnReturn(
+        parameters={} if query.parameters is None else read_parameter_file(query.parameters),
+        rally=read.rally if query.rally is None else _read_rally(query.rally),
+    )
+
+
+def _with_files_beside(query: CheckQuery, read: ReadMission) -> CheckQuery:
+    """The query with the fence and the rally points that a run folder has beside its ``mission.waypoints``."""
+    if read.fence is not None or read.rally or planned_vehicle(query.file) is None:
+        return query
+    fence, rally = (query.file.with_name(name) for name in ("fence.waypoints", "rally.waypoints"))
+    return replace(
+        query, fence=query.fence or (fence if fence.is_file() else None),
+        rally=query.rally or (rally if rally.is_file() else None),
+    )  # fmt: skip
 
 
 def _too_many(query: CheckQuery, read: ReadMission) -> list[CheckFinding]:
@@ -250,7 +266,8 @@ def aircraft_of(query: CheckQuery, read: ReadMission) -> Aircraft:
     Raises:
         InputError: a name is not known.
     """
-    vehicle = planned_vehicle(query.file) if query.vehicle is None else VEHICLES.named(query.vehicle)
+    planned = planned_vehicle(query.file)
+    vehicle = planned if query.vehicle is None else VEHICLES.named(query.vehicle)
     stated = vehicle.autopilot if vehicle is not None else None
     autopilot = autopilot_name(query.autopilot, stated or read.autopilot or "ardupilot")
     kind: Kind = read.kind or "multirotor"
@@ -274,6 +291,9 @@ def aircraft_of(query: CheckQuery, read: ReadMission) -> Aircraft:
         name.endswith("_m_s") for name in known
     )
     parts += [sheet.title] if vehicle is not None else []
+    stated_m = (query.return_height_m, known.get("return_height_m"), read.return_height_m)
+    planned_m = None if planned is None else planned.return_height_m
+    return_height_from = own.return_height_from if planned_m is None else "as planned"
     return replace(
         own,
         speeds_from=", then ".join([*parts, f"the defaults of {'PX4' if autopilot == 'px4' else 'ArduPilot'}"]),
@@ -283,17 +303,15 @@ def aircraft_of(query: CheckQuery, read: ReadMission) -> Aircraft:
         max_climb_m_s=first(known.get("climb_m_s"), sheet.max_climb_m_s, default=own.max_climb_m_s),
         max_descent_m_s=first(known.get("descent_m_s"), sheet.max_descent_m_s, default=own.max_descent_m_s),
         max_airspeed_m_s=sheet.max_speed_m_s,
-        return_height_m=first(
-            query.return_height_m, known.get("return_height_m"), read.return_height_m, default=own.return_height_m
-        ),
-        cone_slope=first(known.get("cone_slope"), default=own.cone_slope),
+        return_height_m=first(*stated_m, planned_m, default=own.return_height_m),
+        return_height_from=return_height_from if stated_m == (None, None, None) else "",
         endurance_s=query.endurance_s if query.endurance_s is not None else sheet.endurance_s,
         reserve_fraction=query.reserve_fraction,
     )
 
 
 _NOT_SET: Mapping[str, float] = MappingProxyType(
-    dict.fromkeys(("cruise_m_s", "climb_m_s", "descent_m_s", "return_height_m", "cone_slope"), math.nan)
+    dict.fromkeys(("cruise_m_s", "climb_m_s", "descent_m_s", "return_height_m"), math.nan)
 )
 _PLANE_RETURN: Mapping[str, float] = MappingProxyType({"ALT_HOLD_RTL": 0.01, "RTL_ALTITUDE": 1.0})
 """ArduPlane's names of the return height, newest last, each with the factor to metres."""
@@ -324,6 +342,7 @@ def planned_vehicle(mission: Path) -> VehicleType | None:
         name="plan", title=f"the plan in {mission.parent}", endurance_s=own.endurance_s, autopilot=own.autopilot,
         cruise_speed_m_s=own.cruise_speed_m_s, max_speed_m_s=own.max_airspeed_m_s, max_climb_m_s=own.max_climb_m_s,
         max_descent_m_s=own.max_descent_m_s, acceleration_m_s2=own.acceleration_m_s2,
+        return_height_m=own.return_height_m,
     )  # fmt: skip
 
 

@@ -27,7 +27,7 @@ from uavcover.extras.check.check import Checked
 from uavcover.extras.check.clearance_checks import position_of
 from uavcover.extras.check.findings import FlownPath, Segment
 from uavcover.extras.check.flown_path import flown_path
-from uavcover.extras.check.mission_file import CheckQuery, aircraft_of, read_mission_file
+from uavcover.extras.check.mission_file import CheckQuery, aircraft_of, own_return_of, read_mission_file
 from uavcover.extras.check.tuning import CHECKS, REPAIR
 from uavcover.extras.check.world import Aircraft, Limits, World
 from uavcover.kernels.arrays import FloatArray
@@ -356,13 +356,14 @@ def repair_mission(
         FormatError: the format cannot hold the mission.
     """
     wrong = next((one for one in checked.findings if one.kind == "place" and one.weight == "breaks"), None)
-    if wrong is not None or checked.world is None:
+    if wrong is not None or checked.world is None or checked.around is None:
         what = "some of its positions are wrong" if wrong is None else wrong.what
         raise InputError(f"--fix: {query.file}: {what}; correct this first")
     world = checked.world
     read = read_mission_file(query.file)
     aircraft = aircraft_of(query, read)
-    fixed = repaired(read.mission, world, query.limits, lambda mission: flown_path(mission, world, aircraft))
+    own, fence = own_return_of(query, read), checked.around.fence
+    fixed = repaired(read.mission, world, query.limits, lambda one: flown_path(one, world, aircraft, own, fence))
     mission = fixed.mission
     most = query.most_items
     is_long = most is not None and len(mission.items) > most

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
@@ -11,14 +11,15 @@ from shapely.geometry.base import BaseGeometry
 from mission_io.model.items import Command, Frame, FramedPoint, Mission
 from uavcover.extras.check.findings import CheckFinding, FlownPath, Segment, Weight, along_m, positions_at
 from uavcover.extras.check.tuning import CHECKS
-from uavcover.extras.check.world import Aircraft, Limits, LocalFence, Surroundings, World, default_aircraft
+from uavcover.extras.check.world import Aircraft, Limits, LocalFence, Surroundings, World
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.missions.failsafe_checks import ReturnLimits, judge_paths, judge_returns
-from uavcover.missions.failsafe_path import wings_return
+from uavcover.missions.failsafe_path import direct_return, wings_return
 from uavcover.missions.failsafes import (
     IN_PLACE,
     Danger,
     Destinations,
+    FailsafePaths,
     FailsafeSettings,
     FlightStates,
     UnsafeReturn,
@@ -37,7 +38,8 @@ _HEIGHT_NAMES = {("ardupilot", False): "RTL_ALT", ("ardupilot", True): "RTL_ALTI
 class OwnReturn:
     """Known facts about the autopilot's own returns."""
 
-    parameters: Mapping[str, float]  # of the vehicle, by the autopilot's names; what is missing has its default
+    # of the vehicle, by the autopilot's names; what is missing has its default
+    parameters: Mapping[str, float] = field(default_factory=dict)
     rally: Sequence[FramedPoint] = ()  # the rally points
 
 
@@ -47,7 +49,7 @@ def return_findings(
     """Parts of the path from which the autopilot's own return exceeds a limit, and rally points that do."""
     rally_m = _rally_positions(own.rally, world, aircraft)
     fence = allowed_area(around.fence)
-    found = rally_findings(own.rally, rally_m, world, limits, fence)
+    found = rally_findings(own.rally, rally_m, world, limits, fence, world.home_alt_amsl_m + aircraft.return_height_m)
     segments = [segment for segment in path.distinct if segment.phase == "route" and len(segment.known_m)]
     if not segments:
         return found
@@ -65,15 +67,34 @@ def return_findings(
         clearance_m=limits.min_height_agl_m,
     )  # fmt: skip
     if aircraft.has_wings:
-        climb, descent = (
-            rate / aircraft.cruise_speed_m_s for rate in (aircraft.max_climb_m_s, aircraft.max_descent_m_s)
-        )
-        path_home = wings_return(settings, states, to, returns.ground_alts_m, climb_slope=climb, descent_slope=descent)
-        judged = judge_paths([path_home], settings, states, to, returns)
+        judged = judge_paths([_commanded(aircraft, settings, states, to, world)], settings, states, to, returns)
     else:
         judged = judge_returns(settings, states, to, returns)
     enough_m = judged.safe_return_height_m
     return found + [_finding(one, segments, world, settings, aircraft, enough_m) for one in judged.unsafe]
+
+
+def mission_return(
+    at_m: FloatArray, world: World, aircraft: Aircraft, own: OwnReturn, fence: LocalFence
+) -> tuple[FailsafePaths, FailsafeSettings]:
+    """The path of a RETURN_TO_LAUNCH item from rest at (3,) east, north, height above sea level; and its parameters."""
+    settings = _settings(aircraft, own)
+    home_m = np.array([0.0, 0.0, world.home_alt_amsl_m])
+    to = Destinations(home_m, _rally_positions(own.rally, world, aircraft), at_m[None], allowed_area(fence))
+    at_rest = FlightStates(at_m[None], np.zeros((1, 2)), np.zeros(1), np.zeros(1, np.int64))
+    return _commanded(aircraft, settings, at_rest, to, world), settings
+
+
+def _commanded(
+    aircraft: Aircraft, settings: FailsafeSettings, states: FlightStates, to: Destinations, world: World
+) -> FailsafePaths:
+    def ground_alts_m(east_north_m: FloatArray) -> FloatArray:
+        return world.alts_amsl_m(world.above_ground(east_north_m, 0.0))
+
+    if not aircraft.has_wings:
+        return direct_return(settings, states, to, ground_alts_m)
+    climb, descent = (rate / aircraft.cruise_speed_m_s for rate in (aircraft.max_climb_m_s, aircraft.max_descent_m_s))
+    return wings_return(settings, states, to, ground_alts_m, climb_slope=climb, descent_slope=descent)
 
 
 def _states(segments: Sequence[Segment], world: World) -> FlightStates:
@@ -106,10 +127,8 @@ def _settings(aircraft: Aircraft, own: OwnReturn) -> FailsafeSettings:
     """The vehicle's parameters; what they leave open is as the aircraft has it, and so is the return height."""
     known = {
         "cruise_m_s": aircraft.cruise_speed_m_s, "climb_m_s": aircraft.max_climb_m_s, "descent_m_s": aircraft.max_descent_m_s,
+        "return_height_m": aircraft.return_height_m,
     }  # fmt: skip
-    usual = default_aircraft(aircraft.autopilot, aircraft.kind).return_height_m
-    if aircraft.return_height_m != usual or aircraft.has_wings:
-        known["return_height_m"] = aircraft.return_height_m
     if aircraft.has_wings and aircraft.autopilot == "ardupilot":
         known |= {"rally_limit_m": 5000.0, "rally_with_home": 0.0}
     settings = failsafe_settings(aircraft.autopilot, own.parameters, known=known)
@@ -133,8 +152,8 @@ def _finding(
 ) -> CheckFinding:  # fmt: skip
     name = _HEIGHT_NAMES.get((aircraft.autopilot, aircraft.has_wings), "RTL_RETURN_ALT")
     assumed, height = "", "use elevation data that covers the returns"
-    if name in settings.assumed:
-        assumed = f"; {name} is assumed to be at its default, {settings['return_height_m']:g} m"
+    if aircraft.return_height_from:
+        assumed = f"; {name} is assumed to be {aircraft.return_height_from}, {settings['return_height_m']:g} m"
     if enough_m < CHECKS.far_m:
         height = f"set {name} to {math.ceil(enough_m)} m or more, and specify it with --return-height"
     do = {
@@ -189,8 +208,9 @@ def _rally_positions(rally: Sequence[FramedPoint], world: World, aircraft: Aircr
 
 
 def rally_findings(
-    rally: Sequence[FramedPoint], rally_m: FloatArray, world: World, limits: Limits, fence: shapely.Geometry | None
-) -> list[CheckFinding]:
+    rally: Sequence[FramedPoint], rally_m: FloatArray, world: World, limits: Limits, fence: shapely.Geometry | None,
+    return_alt_amsl_m: float,
+) -> list[CheckFinding]:  # fmt: skip
     """Rally points inside the ground, at the wrong reference of heights, or outside the fence.
 
     Args:
@@ -199,12 +219,13 @@ def rally_findings(
         world: the ground.
         limits: with the largest height above ground.
         fence: allowed area.
+        return_alt_amsl_m: where it returns anyway; a rally point is never too high below it.
     """
     found = []
     ground = world.alts_amsl_m(world.above_ground(rally_m[:, :2], 0.0)) if len(rally) else np.empty(0)
     for number, (point, (east, north, alt), at) in enumerate(zip(rally, rally_m, ground, strict=True), 1):
         high = alt - at
-        highest = limits.max_height_agl_m or math.inf
+        highest = max(limits.max_height_agl_m or math.inf, return_alt_amsl_m - at)
         amsl = point.frame is Frame.ABOVE_HOME and abs(point.alt_m - at) <= highest < high
         where = (point.lat_deg, point.lon_deg, float(alt) if math.isfinite(alt) else world.home_alt_amsl_m)
         problems: list[tuple[Weight, float, str, str]] = []

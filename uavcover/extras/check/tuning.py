@@ -47,8 +47,6 @@ class _Checks:
     directions: int
     least_speed_m_s: float
     fastest_multirotor_m_s: float
-    least_cone_slope: float
-    cone_climb_m: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

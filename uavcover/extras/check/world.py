@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from mission_io.model.items import Fence, LatLon
 from uavcover.errors import InputError
-from uavcover.extras.check.tuning import CHECKS
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.area import Rings
 from uavcover.model.vehicle import GRAVITY_M_S2, MOTIONS, AutopilotName
@@ -38,7 +37,7 @@ class Aircraft:
     max_descent_m_s: float = 1.5  # largest downward speed
     max_airspeed_m_s: float | None = None  # largest speed through the air; None: wind does not slow a multirotor
     return_height_m: float = 15.0  # height above home of the autopilot's own return
-    cone_slope: float = 3.0  # of an ArduCopter's return near home; below 0.5 it climbs to the whole height there too
+    return_height_from: str = "at its default"  # as text; empty where the vehicle or the user states it
     loiter_radius_m: float = 10.0  # radius of a circle whose item states none
     turn_radius_m: float = 0.0  # smallest radius of a turn at cruise speed; 0 for a multirotor
     acceptance_m: float = 0.0  # how far before a waypoint the next leg is taken, where its item does not say
@@ -93,20 +92,6 @@ def default_aircraft(autopilot: AutopilotName, kind: Kind) -> Aircraft:
 def radius_of_bank_m(speed_m_s: float, bank_deg: float) -> float:
     """Radius of a level turn at a bank: v^2 / (g tan bank)."""
     return speed_m_s**2 / (GRAVITY_M_S2 * math.tan(math.radians(bank_deg)))
-
-
-def return_height_m(height_above_home_m: float, distance_m: float, aircraft: Aircraft) -> float:
-    """Height above home at which an autopilot returns from a place.
-
-    ArduCopter climbs to RTL_ALT, near home no higher than ``cone_slope`` times the distance (ModeRTL::compute_return_target).
-    ArduPlane keeps its height where RTL_ALTITUDE is below 0.
-    """
-    wanted = aircraft.return_height_m
-    if aircraft.has_wings and aircraft.autopilot == "ardupilot":
-        return height_above_home_m if wanted < 0.0 else wanted
-    if aircraft.autopilot == "ardupilot" and aircraft.cone_slope >= CHECKS.least_cone_slope:
-        wanted = min(wanted, max(aircraft.cone_slope * distance_m, CHECKS.cone_climb_m))
-    return max(wanted, height_above_home_m)
 
 
 @dataclass(frozen=True, eq=False)
