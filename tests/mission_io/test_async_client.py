@@ -16,7 +16,7 @@ from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
 from mission_io.errors import MissionIoError, TransferCancelledError, VehicleSilentError, WaitCancelledError
 from mission_io.links.simulated import SimulatedLink
 from mission_io.wire.messages import Heartbeat, Message, MissionCount, MissionItemInt, MissionRequestInt, Received
-from tests.mission_io.test_client import FENCE, MISSION
+from tests.mission_io.formats.samples import FENCE, MISSION
 from tests.mission_io.vehicle import VehiclePeer
 
 

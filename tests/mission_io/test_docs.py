@@ -12,10 +12,10 @@ from mission_io.autopilots.autopilot import ARDUPILOT
 from mission_io.formats import wpl
 from mission_io.links.datagrams import UdpLink
 from mission_io.model.items import MissionType, fence_from_items
+from tests.mission_io.formats.samples import MISSION
 from tests.mission_io.formats.test_plan_complex import LANDING, SURVEY, document
 from tests.mission_io.protocol.diagrams import TABLES, with_diagrams
 from tests.mission_io.real_vehicle import flying_on
-from tests.mission_io.test_client import MISSION
 from tests.mission_io.vehicle import VehiclePeer
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "reference" / "mission_io.md"
@@ -40,9 +40,9 @@ def test_the_ten_lines_run(
     assert count == len(MISSION.items) + 1
     if number == 0:
         # Home comes back in single precision.
-        assert printed.startswith("True - home 46.5, -7.25, 512.3 m AMSL\n+ home 46.5, -7.25, 512.29998")
-        assert "- 1 NAV_TAKEOFF(0.0, 0.0, 0.0, 0.0) at 46.5, -7.25, 30.0 m ABOVE_HOME\n" in printed
-        assert "+ 1 NAV_TAKEOFF(0.0, 0.0, 0.0, 0.0) at 46.5, -7.25, 40.0 m ABOVE_HOME\n" in printed
+        assert printed.startswith("True - home 33.21875, -98.1234567, 345.678 m AMSL\n+ home 33.21875, -98.1234567, 345.67")
+        assert "- 1 NAV_TAKEOFF(0.0, 0.0, 0.0, 0.0) at 33.21875, -98.1234567, 30.0 m ABOVE_HOME\n" in printed
+        assert "+ 1 NAV_TAKEOFF(0.0, 0.0, 0.0, 0.0) at 33.21875, -98.1234567, 40.0 m ABOVE_HOME\n" in printed
     else:
         assert f"{count} of {count}\nTrue " in printed
 

@@ -15,7 +15,7 @@ from mission_io.protocol.server import id_of_items
 from mission_io.protocol.upload import Upload
 from mission_io.wire import messages as m
 from mission_io.wire.messages import Address, message_from_item
-from tests.mission_io.test_client import FENCE, MISSION
+from tests.mission_io.formats.samples import FENCE, MISSION
 from tests.mission_io.vehicle import VehiclePeer, connected
 
 

@@ -12,8 +12,7 @@ import shapely
 from tests.cli.conftest import corner_of_the_demo
 from tests.extras.fleet.lockstep import Hangar
 from tests.extras.fleet.test_fleet import Listener
-from tests.extras.fleet.test_fly_fleet import copied, fly, judged, no_recording_of_single_flights
-from tests.extras.fleet.test_unlike_fleet import mock
+from tests.extras.fleet.test_fly_fleet import all_land_and_pass, copied, fly, mock, no_recording_of_single_flights
 from uavcover.errors import ScenarioError
 from uavcover.extras.fleet.command import FleetFailedError
 from uavcover.extras.fleet.jobs import planned_jobs
@@ -120,11 +119,7 @@ def test_equal_seed_equal_plan(planned: RunFolder, tmp_path: Path) -> None:
 
 
 def test_it_is_flown_and_judged_together(planned: RunFolder, tmp_path: Path) -> None:
-    run = copied(planned, tmp_path)
-    _, reported = fly(run, Hangar(3, mock), Listener())
-    assert {row["ending"] for row in reported["sorties"]} == {"landed"}
-    document = judged(run)
-    assert document["verdict"] == "passed", document["reasons"] + document["doubts"]
+    _, _, document = all_land_and_pass(planned, tmp_path, 3)
     assert document["coverage_fraction"] >= document["planned_coverage_fraction"] - 0.005
 
 

@@ -10,16 +10,20 @@ import shapely
 
 from tests.extras.fleet.lockstep import Hangar
 from tests.extras.fleet.test_fleet import Listener
-from tests.extras.fleet.test_fly_fleet import copied, fly, judged, no_recording_of_single_flights
-from tests.extras.fleet.test_unlike_fleet import FAR, mock, unlike_site
+from tests.extras.fleet.test_fly_fleet import (
+    all_land_and_pass,
+    copied,
+    fly,
+    judged,
+    lost_at,
+    no_recording_of_single_flights,
+)
+from tests.extras.fleet.test_unlike_fleet import FAR, unlike_site
 from uavcover.errors import InputError, ScenarioError
 from uavcover.extras.fleet.command import FleetFailedError
 from uavcover.extras.fleet.jobs import planned_jobs
 from uavcover.missions.flights import compile_flights
 from uavcover.missions.objectives import mission_cost
-from uavcover.mock.behaviour import quick
-from uavcover.mock.faults import Fault, FaultKind, FaultTrigger, Since
-from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.area import Outline
 from uavcover.model.route import Route
 from uavcover.planner.command import PlanRequest, choose, plan_into, read_members
@@ -123,11 +127,7 @@ def test_another_member_is_chosen_and_compiled_part_by_part(planned: RunFolder, 
 
 
 def test_it_is_flown_and_judged_together(planned: RunFolder, tmp_path: Path) -> None:
-    run = copied(planned, tmp_path)
-    _, reported = fly(run, Hangar(2, mock), Listener())
-    assert {row["ending"] for row in reported["sorties"]} == {"landed"}
-    document = judged(run)
-    assert document["verdict"] == "passed", document["reasons"] + document["doubts"]
+    run, _, document = all_land_and_pass(planned, tmp_path, 2)
     assert document["coverage_fraction"] >= document["planned_coverage_fraction"] - 0.005
     content = read_run(run, logs=[])
     assert content.coverage.fraction(content.planned_view.observed) == document["planned_coverage_fraction"]
@@ -135,13 +135,8 @@ def test_it_is_flown_and_judged_together(planned: RunFolder, tmp_path: Path) -> 
 
 def test_what_a_lost_vehicle_leaves_of_its_part_is_taken_over(planned: RunFolder, tmp_path: Path) -> None:
     run, user = copied(planned, tmp_path), Listener()
-
-    def make(number: int, sortie: int, site: Site) -> MockVehicle:
-        faults = [Fault(FaultKind.FORCE_DISARM, FaultTrigger(Since.ITEM, 5))] if number == 2 else []
-        return mock(number, sortie, site, faults=faults, behaviour=quick(2.0))
-
     with pytest.raises(FleetFailedError):
-        fly(run, Hangar(2, make), user)
+        fly(run, Hangar(2, lost_at(5, number=2)), user)
     assert any("vehicle 1 flies the remaining part of sortie" in line for line in user.lines)
     document = judged(run)
     assert document["coverage_fraction"] >= 0.98 * document["planned_coverage_fraction"]

@@ -9,15 +9,12 @@ import shapely
 
 from tests.extras.fleet.lockstep import Hangar
 from tests.extras.fleet.test_fleet import Listener
-from tests.extras.fleet.test_fly_fleet import copied, fly, judged, no_recording_of_single_flights
-from tests.extras.fleet.test_unlike_fleet import FAR, mock, unlike_site
+from tests.extras.fleet.test_fly_fleet import copied, fly, judged, lost_at, no_recording_of_single_flights
+from tests.extras.fleet.test_unlike_fleet import FAR, unlike_site
 from tests.planner.test_fleet_parts import request
 from uavcover.errors import InfeasibleError
 from uavcover.extras.fleet.command import FleetFailedError
 from uavcover.extras.fleet.jobs import planned_jobs, time_for
-from uavcover.mock.behaviour import quick
-from uavcover.mock.faults import Fault, FaultKind, FaultTrigger, Since
-from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.sensor import FrameCamera, NadirCamera
 from uavcover.planner.command import plan_into
 from uavcover.planner.fleet_parts import first_paces, part_sites
@@ -110,14 +107,9 @@ def test_each_part_is_planned_for_its_sensor(planned: RunFolder) -> None:
 
 def test_it_is_flown_and_judged_by_each_ones_sensor(planned: RunFolder, tmp_path: Path) -> None:
     run, user = copied(planned, tmp_path), Listener()
-
-    def make(number: int, sortie: int, site: Site) -> MockVehicle:
-        # Vehicle 1 falls from the sky: nobody else has its camera, so what it leaves is a gap.
-        faults = [Fault(FaultKind.FORCE_DISARM, FaultTrigger(Since.ITEM, 5))] if number == 1 else []
-        return mock(number, sortie, site, faults=faults, behaviour=quick(2.0))
-
+    # Vehicle 1 falls from the sky: nobody else has its camera, so what it leaves is a gap.
     with pytest.raises(FleetFailedError) as failed:
-        fly(run, Hangar(2, make), user)
+        fly(run, Hangar(2, lost_at(5, number=1)), user)
     assert any("remains unflown, as a gap: it requires a sensor" in line for line in user.lines)
     reported = failed.value.details()
     document = judged(run)

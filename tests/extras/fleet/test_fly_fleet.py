@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.model.items import GeoPoint
 from tests.cli.conftest import corner_of_the_demo
 from tests.extras.fleet.lockstep import Hangar, Seat
 from tests.extras.fleet.test_fleet import Listener
@@ -53,19 +54,22 @@ def plan_for(folder: Path, site: Site, route: Any) -> RunFolder:
     return run
 
 
-def mock(number: int, sortie: int, site: Site, **config: Any) -> MockVehicle:
+def mock(number: int, sortie: int, site: Site, position: GeoPoint | None = None, **config: Any) -> MockVehicle:
+    """The vehicle of a site, at its home or elsewhere, with a battery that lasts a day."""
     vehicle = site.scenario.vehicle
     return MockVehicle(
-        ARDUPILOT,
-        home_of(site),
-        MockConfig(
-            settings=Settings.for_vehicle(vehicle),
-            battery=BatteryData(),
-            system_id=number,
-            **config,  # it lasts a day
-        ),
+        PX4 if vehicle.autopilot == "px4" else ARDUPILOT,
+        position or home_of(site),
+        MockConfig(settings=Settings.for_vehicle(vehicle), battery=BatteryData(), system_id=number, **config),
         rng=np.random.default_rng(10 * number + sortie),
     )
+
+
+def lines_over(site: Site, rows: int = 6) -> Route:
+    west, south, east, north = site.area.bounds
+    across = np.linspace(south + 25.0, north - 25.0, rows)
+    corners = [(e, n) for k, n in enumerate(across) for e in ((east, west), (west, east))[k % 2]]
+    return Route(lay_over_terrain(site, np.array(corners), np.full(len(corners), 60.0), tolerance_m=8.0))
 
 
 @pytest.fixture(autouse=True)
@@ -84,11 +88,7 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
     fleet = Fleet(vehicles=2, turnaround_s=60.0, start_error_s=2.0, timing_error_fraction=0.04)
     area = dataclasses.replace(scenario.area, cell_size_m=10.0)
     site = load_site(dataclasses.replace(scenario, vehicle=vehicle, fleet=fleet, area=area))
-    west, south, east, north = site.area.bounds
-    rows = np.linspace(south + 25.0, north - 25.0, 6)
-    corners = [(e, n) for k, n in enumerate(rows) for e in ((east, west), (west, east))[k % 2]]
-    route = Route(lay_over_terrain(site, np.array(corners), np.full(len(corners), 60.0), tolerance_m=8.0))
-    return plan_for(folder / "run", site, route)
+    return plan_for(folder / "run", site, lines_over(site))
 
 
 def copied(run: RunFolder, tmp_path: Path) -> RunFolder:
@@ -120,6 +120,17 @@ class Presses(Listener):
 
 def judged(run: RunFolder) -> dict[str, Any]:
     return verify_run(run, Listener(), command=["test"])[1]
+
+
+def all_land_and_pass(planned: RunFolder, tmp_path: Path, vehicles: int) -> tuple[RunFolder, Listener, dict[str, Any]]:
+    """A copy of a planned run that its vehicles fly, what the user was told, and the verdict, which is "passed"."""
+    run, user = copied(planned, tmp_path), Listener()
+    ended, reported = fly(run, Hangar(vehicles, mock), user)
+    assert not ended
+    assert {row["ending"] for row in reported["sorties"]} == {"landed"}
+    document = judged(run)
+    assert document["verdict"] == "passed", document["reasons"] + document["doubts"]
+    return run, user, document
 
 
 def lost_at(wire_item: int, *, number: int) -> Callable[[int, int, Site], MockVehicle]:

@@ -9,13 +9,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4
-from mission_io.model.items import GeoPoint
 from tests.cli.conftest import corner_of_the_demo
 from tests.extras.fleet.lockstep import Hangar
 from tests.extras.fleet.scripted_fleet import fly_script, job
 from tests.extras.fleet.test_fleet import Listener
-from tests.extras.fleet.test_fly_fleet import copied, fly, judged, no_recording_of_single_flights, plan_for
+from tests.extras.fleet.test_fly_fleet import (
+    all_land_and_pass,
+    copied,
+    fly,
+    judged,
+    lines_over,
+    lost_at,
+    mock,
+    no_recording_of_single_flights,
+    plan_for,
+)
 from uavcover.errors import InfeasibleError, InputError, ScenarioError
 from uavcover.extras.exports.export import ExportRequest, export_mission
 from uavcover.extras.fleet.command import FleetFailedError, first_sorties
@@ -23,15 +31,10 @@ from uavcover.extras.fleet.jobs import OnLoss, planned_jobs
 from uavcover.flight.connect import home_of
 from uavcover.missions.flights import compile_flights
 from uavcover.missions.mission_compiler import compile_mission
-from uavcover.mock.behaviour import Settings, quick
-from uavcover.mock.dynamics import BatteryData
-from uavcover.mock.faults import Fault, FaultKind, FaultTrigger, Since
-from uavcover.mock.vehicle import MockConfig, MockVehicle
+from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.limits import Home, NoFly
-from uavcover.model.route import Route
 from uavcover.planner.plan_files import fleet_document, print_fleet
 from uavcover.planner.sortie_order.reorder import _done_s
-from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.run.documents import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import load_scenario
@@ -64,29 +67,12 @@ def unlike_site(folder: Path, homes: list[Home | None], **changes: Any) -> Site:
     )  # fmt: skip
 
 
-def lines_over(site: Site, rows: int = 6) -> Route:
-    west, south, east, north = site.area.bounds
-    across = np.linspace(south + 25.0, north - 25.0, rows)
-    corners = [(e, n) for k, n in enumerate(across) for e in ((east, west), (west, east))[k % 2]]
-    return Route(lay_over_terrain(site, np.array(corners), np.full(len(corners), 60.0), tolerance_m=8.0))
-
-
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
     """Vehicle 1 is an ArduPilot at the demo's home, vehicle 2 a PX4 at the other corner."""
     folder = tmp_path_factory.mktemp("unlike")
     site = unlike_site(folder, [None, FAR], autopilot="px4")
     return plan_for(folder / "run", site, lines_over(site))
-
-
-def mock(number: int, sortie: int, site: Site, position: GeoPoint | None = None, **config: Any) -> MockVehicle:
-    vehicle = site.scenario.vehicle
-    return MockVehicle(
-        PX4 if vehicle.autopilot == "px4" else ARDUPILOT,
-        position or home_of(site),
-        MockConfig(settings=Settings.for_vehicle(vehicle), battery=BatteryData(), system_id=number, **config),
-        rng=np.random.default_rng(10 * number + sortie),
-    )
 
 
 def test_each_takes_off_and_lands_at_its_own_home(planned: RunFolder) -> None:
@@ -148,12 +134,7 @@ def test_one_vehicle_flies_one_flight_at_a_time_from_its_launch_points(tmp_path:
 
 
 def test_it_is_flown_and_judged_by_each_ones_home(planned: RunFolder, tmp_path: Path) -> None:
-    run, user = copied(planned, tmp_path), Listener()
-    ended, reported = fly(run, Hangar(2, mock), user)
-    assert not ended
-    assert {row["ending"] for row in reported["sorties"]} == {"landed"}
-    document = judged(run)
-    assert document["verdict"] == "passed", document["reasons"] + document["doubts"]
+    run, _, document = all_land_and_pass(planned, tmp_path, 2)
     assert not document["findings"]  # such as a take-off far from the scenario's home
     assert document["separation"]
     (tmp_path / "log.csv").write_bytes((run.path / "sortie-1" / "track.csv").read_bytes())
@@ -163,14 +144,8 @@ def test_it_is_flown_and_judged_by_each_ones_home(planned: RunFolder, tmp_path: 
 
 def test_what_one_leaves_is_taken_over_from_another_home(planned: RunFolder, tmp_path: Path) -> None:
     run, user = copied(planned, tmp_path), Listener()
-
-    def make(number: int, sortie: int, site: Site) -> MockVehicle:
-        faults = [Fault(FaultKind.FORCE_DISARM, FaultTrigger(Since.ITEM, 6))] if number == 2 else []
-        return mock(number, sortie, site, faults=faults, behaviour=quick(2.0))
-
-    hangar = Hangar(2, make)
     with pytest.raises(FleetFailedError) as failed:
-        fly(run, hangar, user)
+        fly(run, Hangar(2, lost_at(6, number=2)), user)
     rows = failed.value.details()["sorties"]
     assert {row["vehicle"]: row["ending"] for row in rows if row["ending"] != "landed"} == {2: "crashed"}
     assert any("vehicle 1 flies the remaining part of sortie" in line for line in user.lines)
@@ -184,13 +159,8 @@ def test_what_one_leaves_is_taken_over_from_another_home(planned: RunFolder, tmp
 
 def test_what_one_leaves_is_a_checked_gap_mission(planned: RunFolder, tmp_path: Path) -> None:
     run, user = copied(planned, tmp_path), Listener()
-
-    def make(number: int, sortie: int, site: Site) -> MockVehicle:
-        faults = [Fault(FaultKind.FORCE_DISARM, FaultTrigger(Since.ITEM, 6))] if number == 2 else []
-        return mock(number, sortie, site, faults=faults, behaviour=quick(2.0))
-
     with pytest.raises(FleetFailedError) as failed:
-        fly(run, Hangar(2, make), user, on_loss=OnLoss.GAPS)
+        fly(run, Hangar(2, lost_at(6, number=2)), user, on_loss=OnLoss.GAPS)
     reported = failed.value.details()
     assert len(reported["left"]) == 1
     assert any("planning a gap mission for the remaining route of the lost vehicle" in line for line in user.lines)

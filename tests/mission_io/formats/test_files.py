@@ -19,8 +19,7 @@ from mission_io import (
 )
 from mission_io.formats import wpl
 from mission_io.model.items import Frame, FramedPoint
-from tests.mission_io.formats.samples import fen_text
-from tests.mission_io.test_client import FENCE, HOME, MISSION
+from tests.mission_io.formats.samples import FENCE, HOME, MISSION, fen_text
 
 RALLY = RallyPoints((FramedPoint(46.51, -7.26, 40.0, Frame.ABOVE_HOME),))
 
