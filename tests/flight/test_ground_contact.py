@@ -7,6 +7,7 @@ import pytest
 from mission_io.model.enums import LandedState
 from mission_io.wire import messages as m
 from uavcover.flight.ground_contact import GroundContact
+from uavcover.flight.session import FOLLOWING
 
 HOME_ALT_M = 312.5
 
@@ -71,11 +72,12 @@ def test_on_a_hill_the_terrain_tells_the_height():
 
 
 def fall_from(
-    height_m: float, *, ground_m: float = 0.0, hz: float = 10.0, at_s: float = 10.0, heard_after_s: float = 0.8
-):
+    height_m: float, *, ground_m: float = 0.0, hz: float = 10.0, at_s: float = 10.0, heard_after_s: float = 0.8,
+    judged_after_s: float = 8.0,
+):  # fmt: skip
     """Disarmed ``height_m`` above the ground, which is ``ground_m`` above home; the heartbeat tells it later."""
     ground, time_s = GroundContact(), 0.0
-    while time_s < at_s + 8.0:
+    while time_s < at_s + judged_after_s:
         since_s = max(0.0, time_s - at_s)
         above_m = max(0.0, height_m - 4.9 * since_s**2)
         sink_m_s = 9.8 * since_s if above_m > 0.0 else 0.0
@@ -144,3 +146,11 @@ def test_disarmed_high_up_and_not_heard_again_is_a_fall():
     fall = ground.fall(3.0, 9.0)
     assert fall is not None
     assert fall.height_m == 45.0
+
+
+def test_a_fall_is_known_until_following_has_waited_for_all():
+    """Above the ground of the elevation model, as in a tree, it is never on the ground, so following waits longest."""
+    longest_s = FOLLOWING.second_beat_s + FOLLOWING.evidence_s + FOLLOWING.comes_to_rest_s
+    fall = fall_from(70.0, ground_m=28.0, hz=10.0, heard_after_s=0.0, judged_after_s=longest_s)
+    assert fall is not None
+    assert fall.height_m == pytest.approx(98.0, abs=0.5)

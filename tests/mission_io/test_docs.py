@@ -40,7 +40,9 @@ def test_the_ten_lines_run(
     assert count == len(MISSION.items) + 1
     if number == 0:
         # Home comes back in single precision.
-        assert printed.startswith("True - home 33.21875, -98.1234567, 345.678 m AMSL\n+ home 33.21875, -98.1234567, 345.67")
+        assert printed.startswith(
+            "True - home 33.21875, -98.1234567, 345.678 m AMSL\n+ home 33.21875, -98.1234567, 345.67"
+        )
         assert "- 1 NAV_TAKEOFF(0.0, 0.0, 0.0, 0.0) at 33.21875, -98.1234567, 30.0 m ABOVE_HOME\n" in printed
         assert "+ 1 NAV_TAKEOFF(0.0, 0.0, 0.0, 0.0) at 33.21875, -98.1234567, 40.0 m ABOVE_HOME\n" in printed
     else:
