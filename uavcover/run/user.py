@@ -5,6 +5,7 @@ The workflows of :mod:`uavcover.run` talk to a :class:`User`. On the command lin
 """
 
 import logging
+import os
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
@@ -168,3 +169,16 @@ def percent(fraction: float | None) -> str:
 def metres(value: float | None) -> str:
     """A length as text."""
     return "-" if value is None else f"{value:.1f} m"
+
+
+@contextmanager
+def compiled_code_silenced() -> Iterator[None]:
+    """Discard what compiled code writes to stderr, out of Python's reach."""
+    kept = os.dup(2)
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)

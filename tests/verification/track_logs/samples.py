@@ -81,7 +81,7 @@ def _camera_messages(packer: mavlink.MAVLink, photos: Sequence[Photo]) -> list[o
 def write_tlog(
     path: Path, *, systems: tuple[int, ...] = (1,), component: int = 1, photos: Sequence[Photo] = (),
     began_unix_s: float | None = None, speed: float = 1.0, ranging: bool = False, stations: tuple[tuple[int, int, int], ...] = (),
-    velocity: bool = False, fixes: Sequence[tuple[int, ...]] = (),
+    velocity: bool = False, fixes: Sequence[tuple[int, ...]] = (), receiver_off_deg: float | None = None,
 ) -> None:  # fmt: skip
     """As a ground station writes it: eight bytes of microseconds, then the packet.
 
@@ -116,12 +116,15 @@ def write_tlog(
                 ]
                 if began_unix_s is not None:
                     messages.append(packer.system_time_encode(round((began_unix_s + t / speed) * 1e6), round(t * 1e3)))
-                zeros = (0, 0, 0, 0, 0, 0, 0, 0)
+                received = (
+                    [0, 0] if receiver_off_deg is None else [round((x + receiver_off_deg) * 1e7) for x in (lat, lon)]
+                )
+                rest = (*received, 0, 0, 0, 0, 0, 0)
                 for receiver, fix in enumerate(fixes[k] if fixes else ()):
                     if receiver == 0:
-                        messages.append(packer.gps_raw_int_encode(0, fix, *zeros))
+                        messages.append(packer.gps_raw_int_encode(0, fix, *rest))
                     else:
-                        messages.append(packer.gps2_raw_encode(0, fix, *zeros, 0, 0))
+                        messages.append(packer.gps2_raw_encode(0, fix, *rest, 0, 0))
                 if ranging:
                     # A packet's time is that of the position before it; one looks ahead, one is out of range.
                     level = (alt - GROUND_M) / np.prod(np.cos(np.radians([_lean_at(t, 1), _lean_at(t, 2)])))
@@ -183,7 +186,7 @@ class DataflashWriter:
 def write_dataflash(
     path: Path, *, estimated: bool = True, attitude: bool = True, photos: Sequence[Photo] = (),
     began_unix_s: float | None = None, ranging: bool = False, core: str | None = None, velocity: bool = False,
-    fixes: Sequence[tuple[int, ...]] = (),
+    fixes: Sequence[tuple[int, ...]] = (), receiver_off_deg: float = 0.0,
 ) -> None:  # fmt: skip
     """``core`` is the message of the estimator's velocities: XKF1 of two cores, the second one primary, or NKF1."""
     positions, attitudes = flight()
@@ -219,7 +222,8 @@ def write_dataflash(
         week, seconds = divmod(t + (began_unix_s + 18 - 315_964_800 if began_unix_s is not None else 0.0), 604_800)
         north, east, down = velocity * velocity_ned_m_s(np.array([t]))[0]
         over_ground = (math.hypot(north, east), math.degrees(math.atan2(east, north)) % 360.0, down)
-        log.write(2, round(t * 1e6), 0, first, round(seconds * 1e3), int(week), *position, *over_ground)
+        received = [round((x + receiver_off_deg) * 1e7) for x in (lat, lon)]
+        log.write(2, round(t * 1e6), 0, first, round(seconds * 1e3), int(week), *received, alt, *over_ground)
         log.write(2, round(t * 1e6), 1, second, 0, 0, 0, 0, 0.0, 9.0, 9.0, 9.0)  # a second receiver, which is not asked
         if attitude:
             log.write(3, round(ta * 1e6), round(roll * 100), round(pitch * 100), round(yaw * 100))

@@ -21,8 +21,9 @@ from uavcover.model.track import ReadTrack, Track
 from uavcover.model.vehicle import Vehicle, Wind
 from uavcover.terrain.frames import LocalFrame
 from uavcover.verification.possible_motion import Motion, judge_motion, motion_limits
+from uavcover.verification.track_logs.fixes import confirmed, fixes_at
 from uavcover.verification.track_logs.logged_rows import LoggedRows
-from uavcover.verification.track_logs.readers import READERS, assemble_track, read_foreign_log
+from uavcover.verification.track_logs.readers import READERS, _fixes, assemble_track, read_foreign_log
 
 WRITERS = {"flight.tlog": write_tlog, "flight.BIN": write_dataflash, "flight.ulg": write_ulog}
 
@@ -70,12 +71,71 @@ def test_it_is_known_whether_there_was_a_fix(tmp_path: Path, name: str) -> None:
     assert np.flatnonzero(lost).tolist() == list(range(10, 20))
 
 
+@pytest.mark.parametrize("name", ["flight.BIN", "flight.tlog"])
+@pytest.mark.parametrize(("off_deg", "confirms"), [(0.00001, True), (0.0003, False)], ids=["1 m", "40 m"])
+def test_a_receiver_elsewhere_is_no_fix(tmp_path: Path, name: str, off_deg: float, confirms: bool) -> None:
+    """The position may have drifted from it by any distance, and the flight passed."""
+    path = tmp_path / name
+    fixes = [(3, 0)] * COUNT
+    WRITERS[name](path, fixes=fixes, receiver_off_deg=off_deg)
+    track, warnings = read(path).track, read(path).warnings
+    assert (track.has_fix[1:-1] == float(confirms)).all()
+    assert any("receiver fixes are more than 4 m from the position of the estimator" in w for w in warnings) != confirms
+
+
+@pytest.mark.parametrize(
+    ("late_s", "north_m", "step_s", "confirms"),
+    [(0.3, 3.0, 0.2, True), (0.3, 5.0, 0.2, False), (2.0, 0.0, 0.2, False), (0.3, 50.0, 3.0, True)],
+)
+def test_a_receiver_is_late_by_less_than_a_second(late_s: float, north_m: float, step_s: float, confirms: bool) -> None:
+    """Between rare positions the path is not known, and nothing contradicts it."""
+    t = np.arange(0.0, 60.0, step_s)
+    deg_m = 1.0 / 111_195.0  # on a sphere
+    positions = np.column_stack([t, np.zeros(len(t)), 10.0 * t * deg_m, np.zeros(len(t))])
+    at = np.arange(5.0, 55.0)
+    ones = np.ones(len(at))
+    reports = np.column_stack([at, 0.0 * at, ones, north_m * deg_m * ones, 10.0 * (at - late_s) * deg_m])
+    fixes, warnings = confirmed(reports, positions)
+    assert (fixes[:, 1] == float(confirms)).all()
+    assert bool(warnings) != confirms
+    other = np.column_stack([at + 0.1, ones, ones, 0.0 * at, 10.0 * at * deg_m])
+    both = np.vstack([reports, other])
+    fixes, _ = confirmed(both[np.argsort(both[:, 0])], positions)
+    assert fixes[1:, 1].all(), "one of two receivers is enough"
+
+
+@pytest.mark.parametrize("keys", [("lat", "lon", "alt"), ("latitude_deg", "longitude_deg", "altitude_msl_m")])
+def test_px4s_receiver_has_no_fix_while_the_estimator_extrapolates(keys: tuple[str, str, str]) -> None:
+    unit = 1e7 if keys[0] == "lat" else 1.0
+    stamps = np.array([1_000_000, 2_000_000, 3_000_000])
+    receiver = {"timestamp": stamps, "fix_type": np.array([3, 3, 2]), **{key: 8.0 * unit * np.ones(3) for key in keys}}
+    position = {"timestamp": stamps - 1, "dead_reckoning": np.array([0, 1, 0])}
+    np.testing.assert_allclose(_fixes({"sensor_gps": receiver})[:, 2:], [[1, 8, 8], [1, 8, 8], [0, 8, 8]])
+    both = _fixes({"sensor_gps": receiver, "vehicle_global_position": position})
+    assert both[:, 2].tolist() == [1.0, 0.0, 0.0]
+    assert _fixes({"vehicle_global_position": position})[:, 2:].tolist() == [[1, 0, 0], [0, 0, 0], [1, 0, 0]]
+
+
+def test_a_receiver_that_falls_silent_has_no_fix() -> None:
+    """ArduPilot logs one report without a fix when a receiver is lost, and then none; 9 s later positions counted again."""
+    times = np.arange(20.0)
+    reports = np.column_stack([times, np.ones(20)])
+    later = np.array([21.0, 23.5, 26.0, 400.0])
+    assert fixes_at(later, reports).tolist() == [1.0, 1.0, 0.0, 0.0]
+    lost = np.vstack([reports, [23.0, 0.0]])
+    assert fixes_at(later, lost).tolist() == [1.0, 0.0, 0.0, 0.0]
+    slow = reports * [4.0, 1.0]
+    assert fixes_at(76.0 + later, slow).tolist() == [0.0, 0.0, 0.0, 0.0]
+    assert fixes_at(76.0 + np.array([4.0, 11.0, 12.5]), slow)[[0, 2]].tolist() == [1.0, 0.0]
+    np.testing.assert_array_equal(fixes_at(later, reports[:3]), np.nan)
+
+
 def test_an_old_report_says_nothing() -> None:
-    fixes = np.array([[21.0, 1.0], [22.0, 0.0]])
+    fixes = np.array([[21.0, 0.0, 0.0, 0.0, 0.0], [22.0, 0.0, 1.0, 0.0, 0.0]])
     track = assemble_track(
         Path("x"), LoggedRows(rows([20.0, 21.5, 23.0, 27.5]), np.empty((0, 4)), fixes=fixes), FRAME
     ).track
-    np.testing.assert_array_equal(track.has_fix, [np.nan, 1.0, 0.0, np.nan])
+    np.testing.assert_array_equal(track.has_fix, [np.nan, 0.0, 1.0, np.nan])
 
 
 VELOCITIES = {
@@ -174,7 +234,7 @@ def test_dataflash_with_damaged_bytes_says_so(tmp_path: Path, capfd: pytest.Capt
     loaded = read(path)
     assert len(loaded.track) == COUNT
     assert any("damaged" in warning for warning in loaded.warnings)
-    assert capfd.readouterr().out == ""
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("ending", READERS)

@@ -20,6 +20,7 @@ from mission_io.formats.text import plain_float
 from mission_io.model.enums import VehicleKind, kind_of
 from uavcover.errors import TrackError
 from uavcover.kernels.arrays import FloatArray, IntArray
+from uavcover.run.user import compiled_code_silenced
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,8 +43,9 @@ class LoggedRows:
     lost: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     # (v, 4) time in seconds, reported velocity over ground north, east and down in m/s; empty: not reported
     velocities: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
-    # (f, 2) time in seconds of a receiver's report, and 1 if any receiver has a fix in space, otherwise 0; empty: not reported
-    fixes: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    # (f, 5) time in seconds of a receiver's report, number of the receiver, 1 if it has a fix in space, otherwise 0, and its
+    # latitude and longitude, 0 or NaN where unknown; empty: not reported
+    fixes: FloatArray = field(default_factory=lambda: np.empty((0, 5)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,6 +58,10 @@ class _Logs:
     max_velocity_gap_s: float
     max_fix_age_s: float
     max_late_s: float
+    steady_reports: int
+    receiver_error_m: float
+    receiver_late_s: float
+    receiver_early_s: float
 
 
 LOGS = data_table(_Logs, "uavcover/data/verification.toml", "logs")
@@ -98,9 +104,9 @@ def read_dataflash(path: Path) -> LoggedRows:
     cameras: dict[str, list[tuple[float, ...]]] = {"CAM": [], "TRIG": []}
     ranges: list[tuple[float, ...]] = []
     stored: list[tuple[float, ...]] = []
-    fixes: list[tuple[float, int, bool]] = []
+    fixes: list[tuple[float, ...]] = []
     complaints = io.StringIO()
-    # The reader prints a line for each damaged byte (its compiled index writes to stderr directly, out of reach here).
+    # The reader prints a line for each damaged byte.
     with contextlib.redirect_stderr(complaints), contextlib.redirect_stdout(complaints):
         try:
             with _opened(DFReader.DFReader_binary, path) as reader:
@@ -121,8 +127,9 @@ def read_dataflash(path: Path) -> LoggedRows:
                     elif kind == "ATT":
                         attitudes.append(_row(message, "Roll", "Pitch", "Yaw"))
                     else:
-                        fixes.append((message.TimeUS * 1e-6, getattr(message, "I", 0), message.Status >= _FIX_3D))
-                        if fixes[-1][1:] != (0, True):
+                        number, has_fix = getattr(message, "I", 0), message.Status >= _FIX_3D
+                        fixes.append((message.TimeUS * 1e-6, number, has_fix, message.Lat, message.Lng))
+                        if number != 0 or not has_fix:
                             continue
                         measured.append(_row(message, "Lat", "Lng", "Alt"))
                         clock.append(_clock_row(message))
@@ -151,18 +158,8 @@ def read_dataflash(path: Path) -> LoggedRows:
         velocities=np.array(
             (velocities["XKF1"] or velocities["NKF1"] if estimated else []) or velocities["GPS"]
         ).reshape(-1, 4),
-        fixes=_any_fix(fixes),
+        fixes=np.array(fixes).reshape(-1, 5),
     )
-
-
-def _any_fix(reports: list[tuple[float, int, bool]]) -> FloatArray:
-    """(f, 2) time, and whether any receiver has a fix, from time, receiver and fix of each report."""
-    latest: dict[int, float] = {}
-    rows = []
-    for time_s, receiver, has_fix in reports:
-        latest[receiver] = time_s if has_fix else -math.inf
-        rows.append((time_s, float(time_s - max(latest.values()) <= LOGS.max_fix_age_s)))
-    return np.array(rows).reshape(-1, 2)
 
 
 def _note_estimate(velocities: dict[str, list[tuple[float, ...]]], message: Any, primary: int) -> int:
@@ -200,7 +197,8 @@ def _opened(kind: Any, path: Path) -> Iterator[Any]:
     """A reader that closes its file even when its construction fails, which reads the whole log."""
     reader = kind.__new__(kind)
     try:
-        reader.__init__(str(path), zero_time_base=False)
+        with compiled_code_silenced():  # its index prints such lines, too
+            reader.__init__(str(path), zero_time_base=False)
         yield reader
     finally:
         for file in (getattr(reader, "data_map", None), getattr(reader, "filehandle", None)):
@@ -268,7 +266,7 @@ def read_telemetry(path: Path, *, system: int | None = None) -> LoggedRows:
     now_s: dict[int, float] = {}
     ranges: dict[str, _Rows] = {"DISTANCE_SENSOR": defaultdict(list), "RANGEFINDER": defaultdict(list)}
     stored: _Rows = defaultdict(list)
-    fixes: dict[_Source, list[tuple[float, int, bool]]] = defaultdict(list)
+    fixes: _Rows = defaultdict(list)
     log = mavutil.mavlogfile(str(path), robust_parsing=True)
     try:
         while (message := log.recv_match(type=[*_TELEMETRY_TYPES])) is not None:
@@ -288,7 +286,8 @@ def read_telemetry(path: Path, *, system: int | None = None) -> LoggedRows:
                 continue
             if kind.startswith("GPS"):
                 if source[0] in now_s:
-                    fixes[source].append((now_s[source[0]], int(kind == "GPS2_RAW"), message.fix_type >= _FIX_3D))
+                    at = message.lat * 1e-7, message.lon * 1e-7
+                    fixes[source].append((now_s[source[0]], kind == "GPS2_RAW", message.fix_type >= _FIX_3D, *at))
                 continue
             if kind == "TERRAIN_REPORT":
                 if message.spacing > 0:
@@ -336,7 +335,8 @@ def read_telemetry(path: Path, *, system: int | None = None) -> LoggedRows:
     return LoggedRows(
         np.array(positions[source]), np.array(attitudes[source]).reshape(-1, 4), photos, warnings,
         np.array(clocks[source]).reshape(-1, 2), np.array(measured).reshape(-1, 2), np.array(stored[source]).reshape(-1, 3),
-        _lost(counted), np.array(velocities[source]), _any_fix(fixes[source]),
+        _lost(counted), np.array(velocities[source]),
+        np.array(fixes[source]).reshape(-1, 5),
     )  # fmt: skip
 
 

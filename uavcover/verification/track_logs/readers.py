@@ -20,6 +20,7 @@ from uavcover.model.limits import is_flight_time
 from uavcover.model.track import VELOCITY_COLUMNS, ReadTrack, Track
 from uavcover.plugins import load, registered
 from uavcover.terrain.frames import LocalFrame
+from uavcover.verification.track_logs.fixes import confirmed, fixes_at, receiver_rows
 from uavcover.verification.track_logs.logged_rows import LOGS, LoggedRows, read_dataflash, read_gpx, read_telemetry
 
 _Velocity = tuple[str, tuple[str, str, str], tuple[str, ...]]
@@ -91,19 +92,11 @@ def _received(path: Path, datasets: dict[str, dict[str, Any]]) -> FloatArray:
     """
     for name in _RECEIVERS:
         fix = datasets.get(name, {})
-        # 1e-7 degrees and millimetres until PX4 1.14, degrees and metres since.
-        for keys, (degrees, metres) in (
-            (("latitude_deg", "longitude_deg", "altitude_msl_m"), (1.0, 1.0)),
-            (("lat", "lon", "alt"), (1e-7, 1e-3)),
-        ):
-            if set(keys) <= set(fix):
-                lat, lon, alt = (np.asarray(fix[key], float) for key in keys)
-                rows = np.column_stack(
-                    [np.asarray(fix["timestamp"]) * 1e-6, degrees * lat, degrees * lon, metres * alt]
-                )
-                good = np.asarray(fix.get("fix_type", np.full(len(rows), _FIX_3D))) >= _FIX_3D
-                if good.any():
-                    return np.asarray(rows[good])
+        rows = receiver_rows(fix)
+        if rows is not None:
+            good = np.asarray(fix.get("fix_type", np.full(len(rows), _FIX_3D))) >= _FIX_3D
+            if good.any():
+                return np.asarray(rows[good])
     raise TrackError(
         f"{path}: the log has no vehicle_global_position messages and no receiver fix (vehicle_gps_position), and "
         "therefore no positions"
@@ -126,15 +119,23 @@ def _velocities(datasets: dict[str, dict[str, Any]], topics: Sequence[_Velocity]
 
 
 def _fixes(datasets: dict[str, dict[str, Any]]) -> FloatArray:
-    """(f, 2) time, and whether the estimator does not extrapolate its position; otherwise whether the receiver has a fix."""
-    for name, key, least in (
-        ("vehicle_global_position", "dead_reckoning", 0),
-        *((r, "fix_type", _FIX_3D) for r in _RECEIVERS),
-    ):
-        if key in (topic := datasets.get(name, {})):
-            state = np.asarray(topic[key])
-            return np.column_stack([topic["timestamp"] * 1e-6, state >= least if least else state == 0])
-    return np.empty((0, 2))
+    """(f, 5) reports of the receiver, without a fix while the estimator extrapolates its position (dead_reckoning)."""
+    position = datasets.get("vehicle_global_position", {})
+    reports = np.empty((0, 5))
+    for name in _RECEIVERS:
+        if "fix_type" in (topic := datasets.get(name, {})):
+            has_fix = np.asarray(topic["fix_type"]) >= _FIX_3D
+            at = receiver_rows(topic)
+            at = np.zeros((len(has_fix), 4)) if at is None else at
+            reports = np.column_stack([topic["timestamp"] * 1e-6, np.zeros(len(has_fix)), has_fix, at[:, 1:3]])
+            break
+    if "dead_reckoning" not in position:
+        return reports
+    times, knows = position["timestamp"] * 1e-6, np.asarray(position["dead_reckoning"]) == 0
+    if not len(reports):
+        return np.column_stack([times, np.zeros(len(times)), knows, np.zeros((len(times), 2))])
+    reports[:, 2] *= knows[np.maximum(np.searchsorted(times, reports[:, 0], side="right") - 1, 0)]
+    return reports
 
 
 def _ranges(sensor: dict[str, Any] | None) -> FloatArray:
@@ -300,6 +301,8 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
             f"{path}: {unknown} of {len(positions)} positions have no attitude, so a fixed camera's view is unknown"
         )
     velocity = _velocities_at(positions[:, 0], rows.velocities.reshape(-1, 4))
+    fixes, contradicted = confirmed(rows.fixes, positions)
+    warnings += [f"{path}: {words}" for words in contradicted]
     pictures_taken = np.full(len(positions), np.nan)
     if rows.photos is not None:
         pictures_taken, doubted = _photos_taken(frame, positions, rows.photos.reshape(-1, 3), rows.lost)
@@ -313,7 +316,7 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
             current_waypoint=np.full(len(positions), -1, dtype=np.int64),
             pictures_taken=pictures_taken,
             unix_time_s=positions[:, 0] + _unix_offsets_s(rows.clock, positions[:, 0]),
-            has_fix=_fixes_at(positions[:, 0], rows.fixes.reshape(-1, 2)),
+            has_fix=fixes_at(positions[:, 0], fixes),
             ranged=_ranged(frame, positions, rows.attitudes.reshape(-1, 4), rows.ranges.reshape(-1, 2)),
             stored=rows.stored.reshape(-1, 3).copy(),
             **dict(zip(VELOCITY_COLUMNS, velocity.T.copy(), strict=True)),
@@ -421,13 +424,6 @@ def attitudes_at(time_s: FloatArray, attitudes: FloatArray) -> FloatArray:
     out[near, 0] = (out[near, 0] + 180.0) % 360.0 - 180.0
     out[near, 2] %= 360.0
     return out
-
-
-def _fixes_at(time_s: FloatArray, fixes: FloatArray) -> FloatArray:
-    """(n,) the latest of (f, 2) reports of a fix at each of (n,) times; NaN where it is old, or there is none."""
-    before = np.searchsorted(fixes[:, 0], time_s, side="right")
-    known = np.vstack([[-np.inf, np.nan], fixes])[before]
-    return np.where(time_s - known[:, 0] <= LOGS.max_fix_age_s, known[:, 1], np.nan)
 
 
 def _velocities_at(time_s: FloatArray, velocities: FloatArray) -> FloatArray:
