@@ -9,10 +9,19 @@ import pytest
 
 from tests.planner.test_no_fly import ring
 from tests.verification.flights import fly_along, make_site
+from uavcover.errors import TrackError
 from uavcover.model.track import Track
 from uavcover.model.verdict import VerificationReport
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.verification.run_logs import ROLLOVER_S, DateBounds, Firmware, clocks_apart, dated, firmware_of
+from uavcover.verification.run_logs import (
+    ROLLOVER_S,
+    DateBounds,
+    Firmware,
+    clocks_apart,
+    dated,
+    firmware_of,
+    read_log,
+)
 from uavcover.verification.verify import FlownTrack, verify_flight
 
 NOON_S = 1_780_488_000.0
@@ -171,3 +180,13 @@ def test_the_firmware_stands_in_the_log(name: str, content: bytes, firmware: Fir
     assert firmware_of(tmp_path / name) == firmware
     beside = firmware if name == "flight.tlog" else None
     assert firmware_of(tmp_path / "track.csv") == beside
+
+
+def test_a_track_of_weeks_is_refused(tmp_path: Path) -> None:
+    """A time with one damaged bit asked for 27 TiB of memory."""
+    point = '<trkpt lat="36.5" lon="-84.2"><ele>500</ele><time>2026-06-{day:02}T12:00:00Z</time></trkpt>'
+    text = "".join(point.format(day=day) for day in (1, 9, 20))
+    path = tmp_path / "far.gpx"
+    path.write_text(f"<gpx><trk><trkseg>{text}</trkseg></trk></gpx>")
+    with pytest.raises(TrackError, match=f"{path}: the track lasts 1641600 s, longer than any flight"):
+        read_log(path, make_site())

@@ -316,6 +316,9 @@ def test_only_gaps_on_the_route_may_have_seen_something() -> None:
     every = passed(0, 2, 4, 6, 8)
     assert between(every, 1, 3, 6, route=slice(3, 6)) == [[150.0, 200.0]]
     assert len(between(every, 2, 5, route=slice(3, 6))) == 2  # from it and to it
+    # The first two waypoints lie in a gap of what seems a transit: coverage there failed instead of not being proved.
+    assert between(passed(-1, -1, 4, 6, 8), 1, route=slice(4, 9)) == [[50.0, 0.0, 100.0, 100.0]]
+    assert len(between(passed(-1, -1, 4, 6, 8), 0, 1, 2, route=slice(4, 9))) == 1
 
 
 # Stretches

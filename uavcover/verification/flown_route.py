@@ -1,7 +1,7 @@
 """A track against its planned route: the waypoints that it passed, its samples on the route, and unobserved stretches."""
 
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -228,6 +228,7 @@ def on_route(
     passed: Passing | None = None,  # where the track passed the planned waypoints, if known
     believed: bool = True,  # whether the numbers agree with the positions
     on_ground: tuple[bool, bool] = (True, True),  # whether the track begins and ends there
+    hides: Callable[[FloatArray], BoolArray] | None = None,  # (n - 1,) legs without evidence that may hide a position
 ) -> BoolArray:
     """(n,) whether each sample lies between the first and the last planned waypoint; one stretch.
 
@@ -238,7 +239,8 @@ def on_route(
     beyond waypoint 0 has no sample on the route, except that a plan of one waypoint is passed once.
 
     Otherwise by positions: from the first nearest approach to the first planned waypoint to the last nearest approach to the
-    last one, where "near" means the smallest distance plus the acceptance radius. Where the track lacks an end of the route, as
+    last one, where "near" means the smallest distance plus the acceptance radius; where a gap may hide such an end, only from or
+    to the gap. Where the track lacks an end of the route, as
     a log that begins in the air, it reaches to the first or last waypoint that was passed, or to the end of such a log. Without
     a plan the whole track counts.
     """
@@ -261,6 +263,12 @@ def on_route(
         at = passed.samples[passed.passed]
         first = first if first <= at[0] else int(at[0]) * on_ground[0]
         last = last if last >= at[-1] else int(at[-1]) if on_ground[1] else len(track) - 1
+        if hides is not None and not passed.passed[0]:
+            gaps = np.flatnonzero(hides(planned.waypoints_m[0])[: at[0]])
+            first = max([first, *(gaps[gaps >= first] + 1)])
+        if hides is not None and not passed.passed[-1]:
+            gaps = np.flatnonzero(hides(planned.waypoints_m[-1]))
+            last = min([last, *gaps[(gaps >= at[-1]) & (gaps < last)]])
     mask[min(first, last) : max(first, last) + 1] = True
     return mask
 
@@ -415,16 +423,22 @@ def path_after_m(planned: PlannedRoute | None, passed: Passing | None) -> FloatA
 def paths_between_m(
     enu_m: FloatArray, joined: BoolArray, route: BoolArray, planned: PlannedRoute | None, passed: Passing | None
 ) -> Iterator[FloatArray]:
-    """A (k, 3) path for each unobserved stretch of the route: straight, or through the planned waypoints in between."""
-    for k in np.flatnonzero(~joined & (route[:-1] | route[1:])):
-        between = np.empty((0, 3))
+    """A (k, 3) path for each unobserved stretch of the route: straight, or through the planned waypoints in between.
+
+    A stretch of a transit counts if there are such waypoints: it hides where the route begins or ends.
+    """
+    hidden = set[int]()  # first waypoints of such stretches: one path is enough for several of them
+    for k in np.flatnonzero(~joined):
+        first, between = 0, np.empty((0, 3))
         if planned is not None and passed is not None:
             done = np.flatnonzero((passed.samples >= 0) & (passed.samples <= k))
             ahead = np.flatnonzero(passed.samples > k)
             first = int(done[-1]) + 1 if done.size else 0
             last = int(ahead[0]) if ahead.size else len(planned.waypoints_m)
             between = planned.waypoints_m[first : max(first, last)]
-        yield np.vstack([enu_m[k], between, enu_m[k + 1]])
+        if route[k] or route[k + 1] or (len(between) and first not in hidden):
+            hidden.add(first)
+            yield np.vstack([enu_m[k], between, enu_m[k + 1]])
 
 
 def length_of_m(path_m: FloatArray) -> float:

@@ -33,7 +33,7 @@ from uavcover.verification.observations import (
     reached_m,
     reports_photos,
 )
-from uavcover.verification.possible_motion import judge_motion, motion_limits
+from uavcover.verification.possible_motion import MAX_JUMP_M, judge_motion, motion_limits, within_reach
 from uavcover.verification.safety import (
     Heights,
     Phases,
@@ -125,11 +125,16 @@ def judge_track(
     # Begin, end and "under the ground" use the bare ground: a vehicle stands below the surface model.
     here_m = site.bare_ground.heights_agl_m(enu)
     begin, end = track_ends(scenario, track.time_s, enu, here_m, noise_m=motion.noise_m)
+    if np.linalg.norm(checked_m[: kept[0]] - begin.enu_m, axis=1).max(initial=0.0) > MAX_JUMP_M:
+        begin = replace(begin, on_ground=False)
+    if np.linalg.norm(checked_m[kept[-1] :] - end.enu_m, axis=1).max(initial=0.0) > MAX_JUMP_M:
+        end = replace(end, on_ground=False)
     route = on_route(
         track, enu, planned, acceptance_radius_m=scenario.vehicle.acceptance_radius_m, passed=passed,
         # Where the positions do not match the plan, only the recorded waypoint numbers remain.
         believed=misnumbered is None or (passed is not None and not passed.passed.any()),
         on_ground=(begin.on_ground, end.on_ground),
+        hides=lambda at_m: ~joined & within_reach(track.time_s, enu, at_m, limits.speed_m_s),
     )  # fmt: skip
     if planned is not None and passed is not None and begin.on_ground and site.home_m is not None and turned_back(
         track, enu, joined, planned, passed, home_m=site.home_m, speed_m_s=limits.speed_m_s

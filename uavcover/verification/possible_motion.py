@@ -371,3 +371,9 @@ def _moves(
         if not within:
             moves.append(ImpossibleMove(first, last, "out of reach", speed_m_s, limits.speed_m_s))
     return sorted(moves, key=lambda move: move.first)
+
+
+def within_reach(time_s: FloatArray, enu_m: FloatArray, at_m: FloatArray, speed_m_s: float) -> BoolArray:
+    """(n - 1,) whether a vehicle can have been at a (3,) position between consecutive samples (n,)."""
+    away_m = np.linalg.norm(enu_m - at_m, axis=1)
+    return np.asarray(away_m[:-1] + away_m[1:] <= speed_m_s * np.diff(time_s))

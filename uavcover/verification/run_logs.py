@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mission_io.data_tables import read_document
-from uavcover.errors import InputError
+from uavcover.errors import InputError, TrackError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.limits import flown_window, window_text
 from uavcover.model.track import ReadTrack, Track
@@ -206,7 +206,19 @@ def read_log(path: Path, site: Site, *, system: int | None = None) -> ReadTrack:
     Raises:
         InputError: no such file, an ending that is not known, a file without a track; or a log of another program for a
             scenario that has no position on Earth.
+        TrackError: it cannot be read, or lasts longer than any flight.
     """
+    read = _read(path, site, system)
+    lasts_s = float(np.ptp(read.track.time_s)) if len(read.track) else 0.0
+    if lasts_s > CLOCK.longest_s:
+        raise TrackError(
+            f"{path}: the track lasts {lasts_s:.0f} s, longer than any flight: its times are damaged, or logs were joined; use "
+            "the log of a single flight"
+        )
+    return read
+
+
+def _read(path: Path, site: Site, system: int | None) -> ReadTrack:
     if not path.is_file():
         raise InputError(f"{path}: no such file; record a track with: uavcover fly")
     ending = path.suffix.lower()

@@ -243,6 +243,7 @@ def read_foreign_log(path: Path, frame: LocalFrame, *, system: int | None = None
 class _Clock:
     disagrees_s: float
     jump_s: float
+    longest_s: float
     clock_step_s: float
     clocks_compared_s: float
     alike_s: float
