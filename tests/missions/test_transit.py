@@ -13,10 +13,11 @@ from tests.planner.test_no_fly import assert_stays_out, circle, ring
 from uavcover.errors import InfeasibleError
 from uavcover.missions.flights import compile_sorties
 from uavcover.missions.mission_compiler import check_fence, compile_continuation, compile_mission, compile_return
-from uavcover.missions.transit import fence_of
+from uavcover.missions.transit import _lattice, fence_of
 from uavcover.model.route import Route
 from uavcover.planner.command import PlanRequest, plan_into
 from uavcover.run.user import Unattended
+from uavcover.scenario.airspace.flyable import transit_area
 
 BETWEEN = (-50.0, 50.0)
 """Between home at (-100, 50) and the area."""
@@ -262,3 +263,16 @@ def test_plan_refuses_the_fence_of_a_single_vehicle_before_it_searches(tmp_path,
     with pytest.raises(InfeasibleError, match="would reject this fence"):
         plan_into(request, Unattended(), check_site=lambda _: None)
     assert not (tmp_path / "run" / "plan.json").exists()
+
+
+def test_no_geometry_that_threads_share_is_prepared_for_lines(monkeypatch):
+    """GEOS writes to a prepared geometry while it tests lines against it: two threads that judged routes crashed plan."""
+    site, prepare, seen = make_site(hills), shapely.prepare, []
+    monkeypatch.setattr(shapely, "prepare", lambda geometry: (seen.append(geometry), prepare(geometry))[1])
+    points = Route(
+        np.column_stack([LEVEL.waypoints_m[:, :2], site.ground.ups_m(LEVEL.waypoints_m[:, :2], np.full(3, 80.0))])
+    )
+    assert compiled(site, points).return_advice is not None
+    assert len(_lattice(site).links)
+    assert len(seen) >= 2
+    assert not any(geometry is shared for geometry in seen for shared in (site.fence, transit_area(site)))

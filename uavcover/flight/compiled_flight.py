@@ -225,7 +225,6 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
 
 def _operating_volume(site: Site, compiled: CompiledMission) -> OperatingVolume:
     """Volume for positions in flight: no-fly zones count as far as they are exclusions of the fence."""
-    shapely.prepare(site.fence)
 
     def ground_up_m(east_m: float, north_m: float) -> float:
         return float(site.ground.heights_m(np.array([[east_m, north_m]]))[0])

@@ -25,6 +25,7 @@ from uavcover.missions.failsafes import (
 from uavcover.model.limits import Obstacles
 from uavcover.scenario.airspace.zones import ZoneCheck
 from uavcover.scenario.obstacles import Prism, leg_breaches
+from uavcover.scenario.site import prepared
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground
 
@@ -270,11 +271,10 @@ class _Judged:
         self._found.append((danger, deepest > _HEIGHT_TOLERANCE_M, deepest, deepest, where, name))
 
     def _fence(self) -> None:
-        fence = self._limits.fence
-        if fence is None:
+        if self._limits.fence is None:
             return
+        fence = prepared(self._limits.fence)
         points = self._line.reshape(self._n, self._k + 1, 3)[:, : self._k]
-        shapely.prepare(fence)
         starts_inside = shapely.covers(fence, shapely.points(points[:, 0, :2]))
         # a route that leaves the fence has its own report: its returns begin at its position, not where it would stop.
         stops_outside = ~np.asarray(shapely.covers(fence, shapely.points(points[:, 1, :2])))

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
+from threading import Lock
 
 import numpy as np
 import shapely
@@ -23,7 +24,7 @@ from uavcover.scenario.airspace.flyable import transit_area, transit_area_betwee
 from uavcover.scenario.airspace.lattice import Lattice
 from uavcover.scenario.airspace.zones import PathAround, Polygons, Zone, ZoneCheck
 from uavcover.scenario.obstacles import leg_breaches
-from uavcover.scenario.site import Site, once
+from uavcover.scenario.site import Site, once, prepared
 from uavcover.terrain.frames import LocalFrame
 
 _ROOM_M = 5.0
@@ -193,7 +194,7 @@ def _over_terrain(site: Site, corners_m: FloatArray, ups_m: tuple[float, float])
 @once
 def _lattice(site: Site) -> Lattice:
     """Positions of transits between the area and home."""
-    limits, area = site.scenario.limits, transit_area(site)
+    limits, area, one_at_a_time = site.scenario.limits, prepared(transit_area(site)), Lock()
     wanted_m = limits.transit_clearance_m + limits.height_margin_m
     around = site.area.envelope
     if site.home_m is not None:
@@ -205,7 +206,8 @@ def _lattice(site: Site) -> Lattice:
         ranges = site.ground.leg_height_ranges_m(path_m)[::2]
         climbs = climb_angles_deg(path_m)[::2] < limits.max_climb_angle_deg
         kept = climbs & (ranges[:, 0] >= wanted_m) & (ranges[:, 2] <= _planned_highest_agl_m(site))
-        kept &= shapely.covers(area, shapely.linestrings(path_m[:, :2].reshape(-1, 2, 2)))
+        with one_at_a_time:
+            kept &= shapely.covers(area, shapely.linestrings(path_m[:, :2].reshape(-1, 2, 2)))
         if limits.max_alt_amsl_m is not None:
             kept &= site.alts_amsl_m(path_m).reshape(-1, 2).max(axis=1) <= limits.max_alt_amsl_m
         if site.prisms:
@@ -215,7 +217,6 @@ def _lattice(site: Site) -> Lattice:
             kept &= clear[:, 1] <= 0.0
         return np.asarray(kept)
 
-    shapely.prepare(area)
     return Lattice(area, around.bounds, partial(_band_m, site), allowed, spots=_SPOTS)
 
 

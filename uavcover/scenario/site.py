@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import shapely
@@ -146,6 +146,7 @@ class Site:
 
 
 Computed = TypeVar("Computed")
+Shape = TypeVar("Shape", bound=shapely.Geometry)
 
 
 def once(compute: Callable[[Site], Computed]) -> Callable[[Site], Computed]:
@@ -160,6 +161,16 @@ def once(compute: Callable[[Site], Computed]) -> Callable[[Site], Computed]:
         return values[name]
 
     return found
+
+
+def prepared(geometry: Shape) -> Shape:
+    """A copy with an index for many tests, for one thread at a time: GEOS writes to it while it tests lines.
+
+    Geometries of a site are shared by threads, so they are never prepared themselves.
+    """
+    copied = cast("Shape", shapely.from_wkb(shapely.to_wkb(geometry)))
+    shapely.prepare(copied)
+    return copied
 
 
 def forget_computed(site: Site) -> None:

@@ -19,7 +19,7 @@ from uavcover.model.vehicle import Vehicle
 from uavcover.model.verdict import Violation, ViolationKind
 from uavcover.scenario.airspace.zones import Zone, ZoneBreach
 from uavcover.scenario.obstacles import leg_breaches, waypoint_breaches
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, prepared
 from uavcover.verification.flown_route import SAFETY, PlannedRoute, observed_stretches
 from uavcover.verification.measured_motion import FITTED_STEP_S
 
@@ -343,16 +343,15 @@ def _inside_zones(
 
 def _outside_fence_m(site: Site, enu_m: FloatArray, joined: BoolArray) -> FloatArray:
     """(n,) distance outside the fence of each sample, or of a leg from it with both ends inside; 0 inside."""
-    distance = np.zeros(len(enu_m))
-    shapely.prepare(site.fence)
-    outside = np.flatnonzero(~shapely.contains_xy(site.fence, enu_m[:, 0], enu_m[:, 1]))
+    distance, fence = np.zeros(len(enu_m)), prepared(site.fence)
+    outside = np.flatnonzero(~shapely.contains_xy(fence, enu_m[:, 0], enu_m[:, 1]))
     distance[outside] = shapely.distance(site.fence, shapely.points(enu_m[outside, :2]))
     if len(enu_m) < 2 or site.fence.equals(site.fence.convex_hull):
         return distance
     # Only in a non-convex fence can a line between inside points leave it.
     lines = np.asarray(shapely.linestrings(np.stack([enu_m[:-1, :2], enu_m[1:, :2]], axis=1)))
     ends_inside = (distance[:-1] == 0.0) & (distance[1:] == 0.0)
-    across = np.flatnonzero(joined & ends_inside & ~shapely.covers(site.fence, lines))
+    across = np.flatnonzero(joined & ends_inside & ~shapely.covers(fence, lines))
     for k in across:
         parts = shapely.get_coordinates(shapely.segmentize(lines[k].difference(site.fence), SAFETY.fence_step_m))
         furthest = float(np.max(shapely.distance(site.fence, shapely.points(parts)), initial=0.0))
