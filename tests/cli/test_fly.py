@@ -15,9 +15,10 @@ from pymavlink import mavutil
 
 from tests.cli.conftest import WATCHDOG_S, Cli, command, files, limited_to, mock_vehicle, started, wait_for_line
 from uavcover.recording.layout import read_recorded_track
+from uavcover.run.documents import LINK
 from uavcover.run.folder import RunFolder
 from uavcover.run.judged_inputs import inspect_inputs
-from uavcover.run.provenance import note_files
+from uavcover.run.provenance import note_files, sha256_of
 from uavcover.run.track_file import read_track
 
 
@@ -25,6 +26,8 @@ def test_whole_flight_on_the_mock_of_this_process(cli: Cli, flown: Path) -> None
     before = (flown / "track.csv").read_bytes()
     (flown / "resumed-1").mkdir()
     (flown / "resumed-1" / "track.csv").write_bytes(before)
+    link = {LINK: {"track_sha256": sha256_of(flown / "track.csv")}}
+    (flown / "resumed-1" / "run.json").write_text(json.dumps(link))
     note_files(RunFolder(flown), "fly --resume", ["resumed-1/track.csv"], command=["test"])
     cli("fly", flown, "--to", "mock:", code=2)
     assert (flown / "track.csv").read_bytes() == before

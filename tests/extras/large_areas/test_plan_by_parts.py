@@ -108,7 +108,7 @@ def test_a_large_area_that_is_judged_block_by_block_gives_the_same_plan(monkeypa
 def test_the_tuned_boustrophedon_of_a_larger_area_is_found_on_a_sample(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("uavcover.extras.large_areas.plan_by_parts._MOST_COMPARED_CELLS", 400)
     site = large()
-    plain, tuned = planned(site, plain_lines).baselines
+    plain, tuned, *_ = planned(site, plain_lines).baselines
     assert (plain.origin, tuned.origin) == ("boustrophedon", "boustrophedon-tuned")
     assert site.scenario.planning_cell_size_m not in site_maps._maps(site)
     # Judged on the area's own cells, it keeps about what the sample promised.
