@@ -15,8 +15,17 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.leg_checks import find_problems
 from uavcover.missions.mission_compiler import compile_return
 from uavcover.missions.return_advice import OwnReturns, ReturnAdvice
-from uavcover.missions.transit import _along, check_outbound, check_return, is_too_high, transit
+from uavcover.missions.transit import (
+    _along,
+    _climb_out_m,
+    _lattice,
+    check_outbound,
+    check_return,
+    is_too_high,
+    transit,
+)
 from uavcover.model.limits import Obstacles
+from uavcover.scenario.airspace.lattice import _UPRIGHT
 from uavcover.scenario.site import Site
 
 
@@ -206,3 +215,41 @@ def test_over_ground_that_is_steeper_than_legs_may_be_transits_stay_below_their_
         np.testing.assert_array_equal(points[-1], end)
         too_high += is_too_high(site, _along(site, points[[0, -1], :2], end, 30.0))
     assert too_high > 0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_path_over_the_lattice_is_the_shortest_over_all_of_its_links(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Against a search in one graph of the lattice and both columns."""
+    rng = np.random.default_rng(seed)
+    site = make_site(lambda east, north: 60.0 * np.sin(east / 40.0 + seed) * np.cos(north / 35.0))
+    assert site.home_m is not None
+    lattice, columns = _lattice(site), []
+    for spot_m in (site.home_m[:2], rng.uniform([0.0, 0.0], [300.0, 200.0])):
+        columns.append(_climb_out_m(site, np.array([*spot_m, *site.ground.ups_m(spot_m, rng.uniform(30.0, 60.0))])))
+    positions_m, links, lengths_m = lattice.linked_with(np.vstack(columns), np.zeros((0, 2), dtype=np.int64))
+    begin = len(lattice.positions_m)
+    end = begin + len(columns[0])
+    edges = dict(zip(map(tuple, links.tolist()), lengths_m.tolist(), strict=True))
+    for first, last in ((begin, end), (end, len(positions_m))):
+        for k in range(first + 1, last):
+            edges[first, k] = _UPRIGHT * abs(positions_m[k, 2] - positions_m[first, 2])
+    shortest = np.full(len(positions_m), np.inf)
+    shortest[begin] = 0.0
+    while True:  # Bellman and Ford
+        before = shortest.copy()
+        for (a, b), length in edges.items():
+            shortest[a], shortest[b] = min(shortest[a], shortest[b] + length), min(shortest[b], shortest[a] + length)
+        if (before == shortest).all():
+            break
+    monkeypatch.setattr(lattice, "with_few_corners", lambda path_m: path_m)
+    for _ in range(2):  # found, and kept
+        path_m = lattice.path(*columns)
+        assert path_m is not None
+        legs_m = np.diff(path_m, axis=0)
+        upright = np.hypot(*legs_m[:, :2].T) == 0.0
+        found = _UPRIGHT * abs(path_m[0, 2] - columns[0][0, 2])
+        found += np.linalg.norm(legs_m[~upright], axis=1).sum() + _UPRIGHT * np.abs(legs_m[upright, 2]).sum()
+        assert found == pytest.approx(shortest[end])
+    np.testing.assert_array_equal(path_m[-1], columns[1][0])

@@ -30,7 +30,7 @@ from uavcover.kernels.path_cost import (
     turn_cost,
 )
 from uavcover.kernels.sight import horizontal_reach
-from uavcover.missions.transit import is_too_high, transit
+from uavcover.missions.transit import direct_transit, is_too_high, low_enough
 from uavcover.model.vehicle import AutopilotName, Vehicle, Wind
 from uavcover.scenario.site import Site, once
 from uavcover.scenario.vehicles import pace_of
@@ -89,11 +89,11 @@ def path_cost_of(site: Site) -> PathCost:
 
 
 _FEW_TRANSITS, _MANY_TRANSITS = 8, 20
-"""Rows and columns of a lattice of transits. Each takes 0.2 ms, and some ms around zones or where none stays below its ceiling,
-which is known after trying all: there few have to do."""
+"""Rows and columns of a lattice of transits. Each takes 0.2 ms, and some ms around zones or below a ceiling that the straight one
+exceeds: there few have to do."""
 
 _MANY_TOO_HIGH = 0.2
-"""Transits above their ceiling for each place, of two, that say that more of them would take long: 6 ms each."""
+"""Straight transits above their ceiling for each place, of two, that say that more of them would take long: 4 ms each."""
 
 _SAME = 1.0
 """Where few transits cost less than this more than straight ones, in seconds, there are no more of them."""
@@ -119,8 +119,10 @@ def _lattice_of_detours(site: Site, count: int) -> tuple[Detours, bool]:
         ups_m = site.ground.ups_m(positions_m, agl_m)
         for k in np.flatnonzero(np.isfinite(ups_m)):
             end_m = np.array([*positions_m[k], ups_m[k]])
-            flown_m = transit(site, home[:2], end_m, ground_end_height_m=site.scenario.vehicle.takeoff_height_m)
-            too_high += is_too_high(site, flown_m)
+            flown_m = direct_transit(site, home[:2], end_m, ground_end_height_m=cost.climb_out_m)
+            if is_too_high(site, flown_m):
+                too_high += 1
+                flown_m = low_enough(site, flown_m, end_m, ground_end_height_m=cost.climb_out_m)
             straight_m = np.array([cost.climb_out_top, end_m])
             for column, direction in ((2 * level, 1), (2 * level + 1, -1)):
                 flown, straight = (_transit_cost(cost, home, line_m, direction) for line_m in (flown_m, straight_m))

@@ -82,6 +82,12 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
     Returns:
         (k, 3) ENU from the column's top to the point.
     """
+    direct_m = direct_transit(site, home_en_m, end_m, ground_end_height_m=ground_end_height_m)
+    return low_enough(site, direct_m, end_m, ground_end_height_m=ground_end_height_m)
+
+
+def direct_transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_height_m: float) -> FloatArray:
+    """The (k, 3) :func:`transit` that is straight or goes around zones, which may be above its ceiling."""
     if math.hypot(*(end_m[:2] - home_en_m)) < _VERTICAL_M:
         limits = site.scenario.limits
         wanted_m = limits.transit_clearance_m + limits.height_margin_m
@@ -91,7 +97,7 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
     straight = _along(site, np.vstack([home_en_m, end_m[:2]]), end_m, ground_end_height_m)
     is_convex = site.fence.convex_hull.area - site.fence.area <= _VERTICAL_M
     if (is_convex and not site.zones) or _is_clear(site, straight, site.planned_zones):
-        return _low_enough(site, straight, end_m)
+        return straight
     found = [straight]
     for paths in _paths_around(site):
         # A vehicle in flight may have come into the margin of a zone, or outside the fence: from there straight back.
@@ -103,19 +109,21 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
             corners = np.vstack([corners, end_m[:2]])
         found.append(_along(site, corners, end_m, ground_end_height_m))
         if _is_clear(site, found[-1], site.planned_zones):
-            return _low_enough(site, found[-1], end_m)
+            return found[-1]
     # The check of the transit tells what is in its way.
     return next((points for points in found if _is_clear(site, points, site.flown_zones)), straight)
 
 
-def _low_enough(site: Site, path_m: FloatArray, end_m: FloatArray) -> FloatArray:
+def low_enough(site: Site, path_m: FloatArray, end_m: FloatArray, *, ground_end_height_m: float) -> FloatArray:
     """The (k, 3) transit, or, if it is too high, the shortest path below the ceiling over a lattice, if there is one.
 
     On ground that is steeper than a leg may climb, such a path follows contours, or climbs in zigzags.
     """
     if not is_too_high(site, path_m):
         return path_m
-    found_m = _lattice(site).path(_climb_out_m(site, path_m[0]), _climb_out_m(site, end_m))
+    # Not where the straight path had to begin, which is different for each end: paths from one column are found faster.
+    begin_m = np.array([*path_m[0, :2], float(site.ground.heights_m(path_m[0, :2])[0]) + ground_end_height_m])
+    found_m = _lattice(site).path(_climb_out_m(site, begin_m), _climb_out_m(site, end_m))
     return path_m if found_m is None else np.vstack([found_m[:-1], end_m])
 
 

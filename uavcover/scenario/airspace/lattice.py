@@ -27,6 +27,9 @@ _UPRIGHT = 3.0
 _NEAR_SPOTS = 24
 """Lattice points that are linked with the end of a path."""
 
+_TRIED_TOGETHER, _KEPT_COLUMNS = 16, 16
+"""Last legs of a path that are checked at once, the shortest paths first; and columns whose paths are kept."""
+
 
 class Lattice:
     """Positions inside a band of heights, with the legs between them that keep the limits.
@@ -47,6 +50,7 @@ class Lattice:
         spots: int,  # points on the map
     ) -> None:
         self._allowed = allowed
+        self._paths: dict[bytes, tuple[FloatArray, FloatArray, IntArray]] = {}
         # Ways far beyond what is to be reached are no use: neither in a wide fence, nor around a part of a large area.
         beyond_m = 0.5 * math.dist(around_m[:2], around_m[2:])
         inside = polygon.intersection(shapely.box(*around_m).buffer(beyond_m))
@@ -99,24 +103,47 @@ class Lattice:
 
         It begins at any of the (k, 3) positions of the column, best at the first, and may end with a vertical leg.
         """
-        ends_m = np.vstack([climb_out_m, end_climb_out_m])
-        positions_m, links, length = self.linked_with(ends_m, np.zeros((0, 2), dtype=np.int64))
-        begin, end = len(self.positions_m), len(self.positions_m) + len(climb_out_m)
-        upright = np.array(
-            [[begin, k] for k in range(begin + 1, end)] + [[end, k] for k in range(end + 1, len(positions_m))]
-        )
-        rises = _UPRIGHT * np.abs(np.diff(positions_m[upright, 2], axis=1)).ravel()
-        both, lengths = np.vstack([links, upright]), np.concatenate([length, rises])
-        graph = scipy.sparse.csr_matrix((lengths, (both[:, 0], both[:, 1])), shape=(len(positions_m), len(positions_m)))
-        far, before = scipy.sparse.csgraph.dijkstra(graph, directed=False, indices=[begin], return_predecessors=True)
-        if not math.isfinite(far[0, end]):
+        positions_m, far, before = self._paths_from(climb_out_m)
+        away = np.linalg.norm(self.positions_m[:, :2] - end_climb_out_m[0, :2], axis=1)
+        near = np.argsort(away, kind="stable")[: _NEAR_SPOTS * len(_FRACTIONS)]
+        last_legs_m = np.linalg.norm(positions_m[near, None] - end_climb_out_m, axis=2)
+        lengths = far[near, None] + last_legs_m + _UPRIGHT * np.abs(end_climb_out_m[:, 2] - end_climb_out_m[0, 2])
+        shortest = np.argsort(lengths, axis=None, kind="stable")
+        shortest = shortest[np.isfinite(lengths.ravel()[shortest])]
+        for first in range(0, len(shortest), _TRIED_TOGETHER):
+            numbers, levels = np.unravel_index(shortest[first : first + _TRIED_TOGETHER], lengths.shape)
+            allowed = np.flatnonzero(self._allowed(positions_m[near[numbers]], end_climb_out_m[levels]))
+            if len(allowed) > 0:
+                number, level = near[numbers[allowed[0]]], levels[allowed[0]]
+                break
+        else:
             return None
-        path = [end]
+        path, begin = [int(number)], len(self.positions_m)
         while path[-1] != begin:
-            path.append(int(before[0, path[-1]]))
-        last = path[:1] if path[1] > end else []
-        level = path[len(last) : -1] if begin < path[-2] < end else path[len(last) :]
-        return np.vstack([self.with_few_corners(positions_m[level[::-1]]), positions_m[last]])
+            path.append(int(before[path[-1]]))
+        from_home = path[:-1] if path[-2] > begin else path
+        line_m = np.vstack([positions_m[from_home[::-1]], end_climb_out_m[level]])
+        return np.vstack([self.with_few_corners(line_m), end_climb_out_m[: min(level, 1)]])
+
+    def _paths_from(self, climb_out_m: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Positions with the (k, 3) ones of a column at their end, their distances from it, and the position before each.
+
+        Many paths have the same column at home, so the last results are kept.
+        """
+        key = climb_out_m.tobytes()
+        if key not in self._paths:
+            positions_m, links, length = self.linked_with(climb_out_m, np.zeros((0, 2), dtype=np.int64))
+            begin = len(self.positions_m)
+            upright = np.column_stack([np.full(len(climb_out_m) - 1, begin), np.arange(begin + 1, len(positions_m))])
+            rises = _UPRIGHT * np.abs(climb_out_m[1:, 2] - climb_out_m[0, 2])
+            both, lengths = np.vstack([links, upright]), np.concatenate([length, rises])
+            shape = len(positions_m), len(positions_m)
+            graph = scipy.sparse.csr_matrix((lengths, (both[:, 0], both[:, 1])), shape=shape)
+            far, before = scipy.sparse.csgraph.dijkstra(graph, directed=False, indices=begin, return_predecessors=True)
+            if len(self._paths) >= _KEPT_COLUMNS:
+                self._paths.clear()
+            self._paths[key] = positions_m, far, before
+        return self._paths[key]
 
     def with_few_corners(self, path_m: FloatArray) -> FloatArray:
         """An (n, 3) path with the longest legs from each position that keep the limits."""
