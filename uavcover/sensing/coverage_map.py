@@ -286,7 +286,6 @@ class CoverageMap:
             for position in positions:
                 eyes = np.column_stack([over, low + position.band_fraction * (high - low)])
                 eyes[times[todo] == wanted.looks] = np.nan
-                eyes[waypoint_breaches(self.site.ground, eyes, self.site.scenario.obstacles)[:, 1] > 0.0] = np.nan
                 if apart_m > 0.0:
                     near = (np.linalg.norm(counted[todo] - eyes[:, None], axis=2) < apart_m).any(axis=1)
                     eyes[near] = np.nan
@@ -294,6 +293,9 @@ class CoverageMap:
                     eyes, np.tile([position.heading_e, position.heading_n], (todo.size, 1))
                 )
                 observed = observes_each(self, observations, cells[todo], self.sight)
+                # Few positions observe their cell, so only these are compared with the obstacles.
+                breaches = waypoint_breaches(self.site.ground, eyes[observed], self.site.scenario.obstacles)
+                observed[observed] = breaches[:, 1] <= 0.0
                 counted[todo[observed], times[todo[observed]]] = eyes[observed]
                 times[todo[observed]] += 1
         return np.asarray(times == wanted.looks, dtype=bool)
