@@ -341,9 +341,10 @@ def judge(coverage: CoverageMap, route: Route) -> RouteMetrics:
 
 def _cost(site: Site, route: Route, mission: MissionCost | None) -> float:
     """The planner's cost of a route; of its mission along the transits that would be flown."""
-    path_cost, surface, points = path_cost_of(site), site.ground.surface, route.waypoints_m
+    by_mission = mission is not None and site.scenario.objective in {"mission-time", "energy"}
+    path_cost, surface, points = path_cost_of(site, straight=by_mission), site.ground.surface, route.waypoints_m
     cost = float(route_cost(surface, path_cost, points))
-    if path_cost.mission == 0 or mission is None:
+    if mission is None or not by_mission:
         return cost
     flown = mission.energy_hover_s if path_cost.unit == ENERGY else mission.time_s
     path_cost = path_cost._replace(deviation_price=0.0, waypoint_price=0.0)

@@ -73,8 +73,8 @@ def waypoint_price_of(site: Site) -> float:
     return price_m if scenario.objective == "length" else price_m / scenario.vehicle.cruise_speed_m_s
 
 
-def path_cost_of(site: Site) -> PathCost:
-    """The cost that the planner minimises beside coverage and the number of waypoints."""
+def path_cost_of(site: Site, *, straight: bool = False) -> PathCost:
+    """The cost that the planner minimises beside coverage and the number of waypoints; ``straight``: by straight transits."""
     planner, limits = site.scenario.planner, site.scenario.limits
     objective = site.scenario.objective
     whole = objective in {"mission-time", "energy"}
@@ -84,7 +84,7 @@ def path_cost_of(site: Site) -> PathCost:
         deviation_price=planner.band_deviation_price,
         middle_agl_m=0.5 * (limits.min_height_agl_m + limits.max_height_agl_m),
         waypoint_price=waypoint_price_of(site),
-        detours=detours(site) if whole else NO_DETOURS,
+        detours=detours(site) if whole and not straight else NO_DETOURS,
     )
 
 

@@ -26,7 +26,7 @@ from uavcover.plugins import loaded
 from uavcover.run.user import StopRequests
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicles import groups_of, on_pads
-from uavcover.sensing.site_maps import in_blocks
+from uavcover.sensing.site_maps import in_blocks, with_maps_of
 
 _log = logging.getLogger(__name__)
 
@@ -179,7 +179,7 @@ def plan_and_site(
     rule = request.select if request.select is not None else site.scenario.select
     if groups_of(site.scenario):
         return sized(plan_parts(site, select_rule=rule, search=search), site)
-    padded, required = on_pads(site), parse_rule(rule).required_coverage
+    padded, required = with_maps_of(site, on_pads(site)), parse_rule(rule).required_coverage
     vehicles, budget_s = padded.scenario.fleet.vehicles, request.budget_s
     each_s = math.inf if budget_s is None else budget_s / vehicles
     if (
@@ -202,7 +202,7 @@ def plan_and_site(
         if budget_s is not None:
             request = dataclasses.replace(request, budget_s=FRACTIONS.fleet_whole * budget_s)
     whole, judged = _plan_one(site, request, should_stop=should_stop, on_progress=on_progress, kept=kept, stops=stops)
-    return sized(whole, on_pads(judged))
+    return sized(whole, padded if judged is site else on_pads(judged))
 
 
 def _may_be_allocated(site: Site, request: SearchRequest, rule: str) -> bool:

@@ -151,11 +151,11 @@ Shape = TypeVar("Shape", bound=shapely.Geometry)
 
 def once(compute: Callable[[Site], Computed]) -> Callable[[Site], Computed]:
     """Make a function of a later stage a cached property of its site. A copy of the site starts without its value."""
-    name = f"{compute.__module__}.{compute.__qualname__}"
 
     @functools.wraps(compute)
     def found(site: Site) -> Computed:
         values: dict[str, Computed] = site.__dict__
+        name = _name_of(compute)
         if name not in values:
             values[name] = compute(site)
         return values[name]
@@ -171,6 +171,15 @@ def prepared(geometry: Shape) -> Shape:
     copied = cast("Shape", shapely.from_wkb(shapely.to_wkb(geometry)))
     shapely.prepare(copied)
     return copied
+
+
+def keep_computed(site: Site, compute: Callable[[Site], Computed], value: Computed) -> None:
+    """Give a site the value of a function with :func:`once`, where it is known from another site."""
+    site.__dict__[_name_of(compute)] = value
+
+
+def _name_of(compute: Callable[[Site], object]) -> str:
+    return f"{compute.__module__}.{compute.__qualname__}"
 
 
 def forget_computed(site: Site) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.cells import Cells
-from uavcover.scenario.site import Site, once
+from uavcover.scenario.site import Site, keep_computed, once
 from uavcover.scenario.vehicles import own_sensors, vehicle_sites
 from uavcover.sensing.cells import (
     MAX_CELLS,
@@ -110,6 +110,20 @@ def _map_of(site: Site, cell_size_m: float) -> CoverageMap:
     if cell_size_m not in maps:
         maps[cell_size_m] = CoverageMap(site, cell_size_m=cell_size_m, cut=cut_for(site))
     return maps[cell_size_m]
+
+
+def with_maps_of(prepared: Site, site: Site) -> Site:
+    """A site with the maps of another one that differs only in its vehicles and homes, if that one is not large.
+
+    Args:
+        prepared: the site with maps.
+        site: the other one; returned.
+    """
+    if site is not prepared and not is_large(prepared):
+        maps = {size: each.flown_from(site) for size, each in _maps(prepared).items()}
+        keep_computed(site, judging_map, judging_map(prepared).flown_from(site))
+        keep_computed(site, _maps, maps)
+    return site
 
 
 def map_for(site: Site, own: Site) -> CoverageMap:
