@@ -27,13 +27,13 @@ def lines(site: Site, count: int) -> Route:
     return fly_layout(site, regular_layout(angle_rad=3.0, lines=count, height_agl_m=80.0, inset=0.2, tolerance_m=2.0))
 
 
-def chosen(site: Site, *, most_waypoints: int | None = None) -> ChosenRoute:
+def chosen(site: Site, *, most_waypoints: int | None = None, is_over: bool = False) -> ChosenRoute:
     fine = judging_map(site)
     settings = dataclasses.replace(site.scenario.planner, max_waypoints=most_waypoints)
     return choose(
         fine, settings, parse_rule(f"coverage>={REQUIRED}"),
         judge_members(fine, [(lines(site, n), f"{n} lines") for n in (2, 3)]),
-        executor=None, interrupted=False, is_over=lambda: False,
+        executor=None, interrupted=False, is_over=lambda: is_over,
     )  # fmt: skip
 
 
@@ -55,6 +55,14 @@ def test_the_cheapest_route_that_finer_cells_do_not_confirm_gets_what_it_lacks()
     assert found.route.violation == 0.0
     assert finer.fraction_of_coverable(finer.observed(found.route.route.waypoints_m)) >= REQUIRED
     np.testing.assert_array_equal(found.route.route.waypoints_m[0], two.route.waypoints_m[0])
+
+
+def test_when_the_time_is_over_no_finer_cells_are_prepared() -> None:
+    site = make_site(hills, limits={"height_margin_m": 5.0})
+    found, finer = chosen(site, is_over=True), finer_map(site)
+    assert (found.rule_met, found.route.origin) == (True, "2 lines")
+    assert finer is not None
+    assert not finer.knows_coverable(lambda: True)
 
 
 def test_not_with_more_waypoints_than_there_may_be() -> None:

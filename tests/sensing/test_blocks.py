@@ -91,6 +91,14 @@ def test_what_can_be_seen_does_not_depend_on_how_many_cells_are_looked_at_togeth
         assert 0.2 < together.mean() < 1.0
         monkeypatch.setattr(coverage_map, "_AT_A_TIME", 170)
         assert np.array_equal(CoverageMap(site, cell_size_m=9.0).coverable, together)
+        # With a stop at every sixtieth question whether the time is over.
+        stopping, stops = CoverageMap(site, cell_size_m=9.0), itertools.cycle([False] * 59 + [True])
+        assert not stopping.knows_coverable(lambda: True)
+        tries = 1
+        while not stopping.knows_coverable(stops.__next__):
+            tries += 1
+        assert tries > 1
+        assert np.array_equal(stopping.coverable, together)
         monkeypatch.undo()
 
 

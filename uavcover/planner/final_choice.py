@@ -81,19 +81,19 @@ def choose(
     if is_over is not None:
         closed = _feasible(fine, _nearly_with_gaps_closed(fine, few, rule, is_over), executor)
         few = _few_enough([*few, *closed], settings)
-    confirmed = _confirmed(site, few, rule, cells=fine.grid.count)
+    confirmed = _confirmed(fine, few, rule, is_over)
     simpler: list[NamedRoute] = []
     if is_over is not None:
         closed = _feasible(fine, _overfitted_repaired(site, few, confirmed, rule, is_over), executor)
         if closed and _is_few_enough(closed[0], settings):
-            confirmed = _confirmed(site, [*confirmed, *closed], rule, cells=fine.grid.count)
+            confirmed = _confirmed(fine, [*confirmed, *closed], rule, is_over)
         simpler = _simplified(site, confirmed, rule, is_over)
         confirmed += _feasible(fine, simpler, executor)
     if order is not None:
         others = _in_other_order(site, confirmed, rule, order, is_over)
         confirmed += [member for member in _feasible(fine, others, executor) if _is_few_enough(member, settings)]
         simpler += others
-    confirmed = _with_legs_that_fit(fine, _with_sure_photos(fine, confirmed, rule, executor), rule, executor)
+    confirmed = _with_legs_that_fit(fine, _with_sure_photos(fine, confirmed, rule, executor, is_over), rule, executor)
     pareto = thinned(pareto_members(confirmed), rule)
     choice = select(pareto, rule)
     route = pareto[choice.index]
@@ -166,13 +166,18 @@ def _few_enough(members: Sequence[RouteMember], settings: PlannerSettings) -> li
     return few or [member for member in members if member.metrics.waypoint_count == fewest]
 
 
-def _confirmed(site: Site, members: list[RouteMember], rule: Rule, *, cells: int) -> list[RouteMember]:
-    """The members without overfitted choices of the rule, if there are finer cells."""
-    finer = finer_map(site)
-    if finer is None:
+def _confirmed(
+    fine: CoverageMap, members: list[RouteMember], rule: Rule, is_over: Callable[[], bool] | None
+) -> list[RouteMember]:
+    """The members without overfitted choices of the rule, if there are finer cells and the time to prepare them."""
+    finer = finer_map(fine.site)
+    if finer is None or not finer.knows_coverable((lambda: False) if is_over is None else is_over):
         return members
     return without_overfitted(
-        members, rule, lambda route: finer.fraction_of_coverable(finer.observed(route.waypoints_m)), cells=cells
+        members,
+        rule,
+        lambda route: finer.fraction_of_coverable(finer.observed(route.waypoints_m)),
+        cells=fine.grid.count,
     )
 
 
@@ -218,7 +223,7 @@ def _overfitted_repaired(
     chosen, finer, required = _chosen_so_far(members, rule), finer_map(site), rule.required_coverage
     if chosen is None or finer is None or required is None or chosen.metrics.coverage_of_coverable < required:
         return []
-    if any(one is chosen for one in confirmed):
+    if any(one is chosen for one in confirmed) or is_over():
         return []
     closed = _closed(finer, chosen.route, required, is_over)
     return [] if closed is None else [(closed, chosen.origin)]
@@ -235,7 +240,8 @@ def _simplified(
     chosen = _chosen_so_far(feasible, rule)
     if chosen is None:
         return []
-    simpler = simplified(judging_maps(site), chosen.route, required=rule.required_coverage, is_over=is_over)
+    maps = [each for each in judging_maps(site) if each.knows_coverable(is_over)]
+    simpler = simplified(maps, chosen.route, required=rule.required_coverage, is_over=is_over)
     return [] if simpler is None else [(simpler, chosen.origin)]
 
 
@@ -259,12 +265,16 @@ def _in_other_order(
 
 
 def _with_sure_photos(
-    fine: CoverageMap, members: list[RouteMember], rule: Rule, executor: Executor | None
+    fine: CoverageMap,
+    members: list[RouteMember],
+    rule: Rule,
+    executor: Executor | None,
+    is_over: Callable[[], bool] | None,
 ) -> list[RouteMember]:
     """The members, with sure photos for the rule's choice if one of the first choices permits it."""
     found, is_sure = _replaced(
         members, lambda left: _chosen_so_far(left, rule), lambda chosen: _made_of(chosen, certainly, fine, executor),
-        most=_MOST_UNSURE, confirmed=lambda left: _confirmed(fine.site, left, rule, cells=fine.grid.count),
+        most=_MOST_UNSURE, confirmed=lambda left: _confirmed(fine, left, rule, is_over),
     )  # fmt: skip
     return found if is_sure and select(pareto_members(found), rule).met else members
 

@@ -140,6 +140,7 @@ class CoverageMap:
         self.grid: CellGrid = cut(site, cell_size_m)
         self.sight: Sight = site.scenario.sensor.sight
         self._recent = RecentlyObserved()
+        self._coverable_pieces: dict[int, BoolArray] = {}
 
     def expect_many_routes(self) -> None:
         """Find what decides most rays, unless it is known: see :func:`uavcover.sensing.cells.with_rises`."""
@@ -261,15 +262,27 @@ class CoverageMap:
         and the sea-level limits, outside no-fly zones and clear of obstacles. An observed cell is certainly visible. Other
         cells might be observed from a position that was not tried, so the set is a lower bound.
         """
-        # Cells are independent; blocks only limit the memory.
-        pieces = [
-            self._can_be_observed(np.arange(first, min(first + _AT_A_TIME, self.grid.count)))
-            for first in range(0, self.grid.count, _AT_A_TIME)
-        ]
+        _ = self.knows_coverable(lambda: False)
+        pieces = [piece for _, piece in sorted(self._coverable_pieces.items())]
         return np.concatenate(pieces) if pieces else np.zeros(0, dtype=bool)
 
-    def _can_be_observed(self, cells: NDArray[np.int64]) -> BoolArray:
-        """(k,) whether each of some cells can be observed from a permitted position."""
+    def knows_coverable(self, is_over: Callable[[], bool]) -> bool:
+        """Find ``coverable`` while there is time; whether it is known now.
+
+        Args:
+            is_over: whether the time is over.
+        """
+        # Cells are independent; blocks only limit the memory.
+        for first in range(0, self.grid.count, _AT_A_TIME):
+            if first not in self._coverable_pieces:
+                piece = self._can_be_observed(np.arange(first, min(first + _AT_A_TIME, self.grid.count)), is_over)
+                if piece is None:
+                    return False
+                self._coverable_pieces[first] = piece
+        return True
+
+    def _can_be_observed(self, cells: NDArray[np.int64], is_over: Callable[[], bool]) -> BoolArray | None:
+        """(k,) whether each of some cells can be observed from a permitted position; None if the time is over before."""
         wanted = self.site.scenario.requirements
         apart_m = wanted.look_distance_m or 0.0
         times = np.zeros(cells.size, dtype=np.int64)
@@ -280,6 +293,8 @@ class CoverageMap:
             todo = np.flatnonzero(times < wanted.looks)
             if todo.size == 0:
                 break
+            if is_over():
+                return None
             over = self.grid.cells.centre_m[cells[todo], :2] + np.array(offset_m)
             allowed, low, high = self._allowed_ups_m(over)
             todo, over = todo[allowed], over[allowed]
@@ -349,6 +364,10 @@ class SameCells(CoverageMap):
     def coverable(self) -> BoolArray:
         """See :class:`CoverageMap`."""
         return self._other.coverable if self._coverable is None else self._coverable
+
+    def knows_coverable(self, is_over: Callable[[], bool]) -> bool:
+        """See :class:`CoverageMap`."""
+        return self._coverable is not None or self._other.knows_coverable(is_over)
 
     def blocks(self) -> Iterator[CoverageMap]:
         """See :class:`CoverageMap`."""

@@ -146,7 +146,7 @@ def improve(
         finer = finer_map(site)
         if finer is not None:
             # The final choice needs these cells, so prepare them while there is time.
-            _ = finer.coverable
+            _ = finer.knows_coverable(lambda: effort.is_over(run.started))
         on_these_cells = RouteJudge(
             lambda route, _: fraction_observed(judging_of.as_chosen(route), judging), judging_of.keep
         )
