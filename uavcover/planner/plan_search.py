@@ -34,6 +34,8 @@ _LEAST_SEARCH_S = 1e-3
 """Time of a search that starts after its deadline: it takes the first route."""
 _LEAST_S, _LEAST_EACH_S = 6.0, 1.5
 """Least time to divide a fleet's area: in total, and per vehicle. With less, one route is found sooner."""
+_LEAST_LEFT = 0.66
+"""Least fraction of the time, after what the whole area took to prepare: that of each vehicle takes a part of it again."""
 _SEVERAL_S, _SEVERAL_EVALUATIONS = 4.0, 300
 """Least time and evaluations per vehicle to divide it more than once."""
 _ARRANGING_S = 0.6
@@ -149,6 +151,7 @@ def plan_and_site(
         raise InputError(f"budget: must be greater than 0, not {request.budget_s} s")
     begun_s = time.monotonic() if request.begun_s is None else request.begun_s
     limit = CommandTime(begun_s=begun_s, budget_s=request.budget_s, should_stop=should_stop)
+    given_s = request.budget_s or math.inf
     if request.budget_s is not None:
         left_s = begun_s + (1.0 - FRACTIONS.sizes) * request.budget_s - time.monotonic()
         request = dataclasses.replace(request, budget_s=max(left_s, _LEAST_SEARCH_S))
@@ -185,6 +188,7 @@ def plan_and_site(
     if (
         required is not None
         and each_s >= max(_LEAST_EACH_S, _LEAST_S / vehicles)
+        and (budget_s is None or budget_s >= _LEAST_LEFT * given_s)
         and _may_be_allocated(padded, request, rule)
     ):
         several = each_s >= _SEVERAL_S and total >= _SEVERAL_EVALUATIONS * vehicles

@@ -139,10 +139,12 @@ class Lattice:
             both, lengths = np.vstack([links, upright]), np.concatenate([length, rises])
             shape = len(positions_m), len(positions_m)
             graph = scipy.sparse.csr_matrix((lengths, (both[:, 0], both[:, 1])), shape=shape)
-            far, before = scipy.sparse.csgraph.dijkstra(graph, directed=False, indices=begin, return_predecessors=True)
+            far, before = scipy.sparse.csgraph.dijkstra(
+                graph, directed=False, indices=[begin], return_predecessors=True
+            )
             if len(self._paths) >= _KEPT_COLUMNS:
                 self._paths.clear()
-            self._paths[key] = positions_m, far, before
+            self._paths[key] = positions_m, far[0], before[0]
         return self._paths[key]
 
     def with_few_corners(self, path_m: FloatArray) -> FloatArray:
