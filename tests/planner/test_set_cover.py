@@ -23,6 +23,7 @@ from uavcover.planner.set_cover import (
     finest_lattice_candidates,
     greedy_cover,
     level_candidates,
+    observed_from_each,
     reduce,
     searched_cover,
 )
@@ -233,3 +234,17 @@ def test_the_plan_is_not_worse_than_the_covers_it_began_with(dome, algorithm):
         effort=Effort(40, None, lambda: 0.0),
     )
     assert np.array_equal(again.chosen.route.waypoints_m, plan.chosen.route.waypoints_m)
+
+
+def test_when_the_time_is_over_the_remaining_positions_observe_nothing(monkeypatch):
+    coverage = CoverageMap(make_site(), cell_size_m=10.0)
+    positions, every = np.tile([150.0, 100.0, 80.0], (20, 1)), np.arange(coverage.grid.count)
+    start, _ = observed_from_each(coverage, positions, every, coverage.sight)
+    assert (np.diff(start) == np.diff(start)[0]).all()
+    assert start[1] > 0
+    monkeypatch.setattr("uavcover.planner.set_cover._POSITIONS_AT_ONCE", 5)
+    stops = iter([False, False, True])
+    ended, cells = observed_from_each(coverage, positions, every, coverage.sight, stops.__next__)
+    np.testing.assert_array_equal(ended[:11], start[:11])
+    assert (ended[11:] == start[10]).all()
+    assert len(cells) == start[10]

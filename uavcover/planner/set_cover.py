@@ -4,7 +4,7 @@ Positions that another one dominates, and cells that do not affect the optimum, 
 local search. A cover becomes a route in the order of a short tour, laid over the terrain if the limits apply to legs.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +24,7 @@ from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, observes_each
 from uavcover.sensing.sensors import any_heading
 
-_POSITIONS_AT_ONCE = 2_000
+_POSITIONS_AT_ONCE = 500
 _ROUNDING_M = 1e-9
 
 
@@ -86,7 +86,11 @@ def candidates_at(coverage: CoverageMap, positions_m: FloatArray, *, spacing_m: 
 
 
 def observed_from_each(
-    coverage: CoverageMap, positions_m: FloatArray, among: IntArray, sight: Sight
+    coverage: CoverageMap,
+    positions_m: FloatArray,
+    among: IntArray,
+    sight: Sight,
+    is_over: Callable[[], bool] = lambda: False,
 ) -> tuple[IntArray, NDArray[np.int32]]:
     """Cells that each of several points observes.
 
@@ -95,6 +99,7 @@ def observed_from_each(
         positions_m: (p, 3) ENU, of a vehicle that heads north.
         among: (k,) numbers of the cells to consider, rising.
         sight: the sensor.
+        is_over: whether the time is over; from then on, positions observe nothing.
 
     Returns:
         (p + 1,) begin of each position's cells, and the numbers of the cells, rising for each position.
@@ -107,6 +112,8 @@ def observed_from_each(
     counts = np.zeros(len(positions_m), dtype=np.int64)
     observed: list[NDArray[np.int32]] = []
     for first in range(0, len(positions_m), _POSITIONS_AT_ONCE):
+        if is_over():
+            break
         some = positions_m[first : first + _POSITIONS_AT_ONCE]
         near: Sequence[list[int]] = tree.query_ball_point(some[:, :2], reach, return_sorted=True)  # type: ignore[assignment]
         sizes = np.array([len(row) for row in near], dtype=np.int64)

@@ -251,7 +251,7 @@ def with_viewpoints(coverage: CoverageMap, route: Route, goal: float, is_over: C
         coverage: the evaluation grid; its sensor observes from waypoints only.
         route: keeps the limits.
         goal: fraction of the visible ground.
-        is_over: whether the time is over: called before each viewpoint.
+        is_over: whether the time is over: called before each viewpoint and in its search.
 
     Returns:
         None if the route already reaches the goal, or if no permitted viewpoints reach it.
@@ -261,7 +261,7 @@ def with_viewpoints(coverage: CoverageMap, route: Route, goal: float, is_over: C
     if coverage.fraction_of_coverable(observed) >= goal:
         return None
     for _ in range(_MOST_INSERTED):
-        found = None if is_over() else _one_more(site, coverage, points, observed, goal)
+        found = None if is_over() else _one_more(site, coverage, points, observed, goal, is_over)
         if found is None:
             return None
         before, points = np.count_nonzero(observed), found
@@ -274,7 +274,12 @@ def with_viewpoints(coverage: CoverageMap, route: Route, goal: float, is_over: C
 
 
 def _one_more(
-    site: Site, coverage: CoverageMap, points_m: FloatArray, observed: BoolArray, goal: float
+    site: Site,
+    coverage: CoverageMap,
+    points_m: FloatArray,
+    observed: BoolArray,
+    goal: float,
+    is_over: Callable[[], bool],
 ) -> FloatArray | None:
     """The (n, 3) points and one viewpoint with much coverage for its detour; None if none keeps the limits."""
     unobserved = coverage.coverable & ~observed
@@ -286,7 +291,7 @@ def _one_more(
     ])  # fmt: skip
     eyes_m = np.column_stack([positions[:, :2], site.ground.ups_m(positions[:, :2], positions[:, 2])])
     eyes_m = eyes_m[np.isfinite(eyes_m[:, 2])]
-    start, cells = observed_from_each(coverage, eyes_m, missing.numbers, any_heading(coverage.sight))
+    start, cells = observed_from_each(coverage, eyes_m, missing.numbers, any_heading(coverage.sight), is_over)
     gained_m2 = np.zeros(len(eyes_m))
     np.add.at(gained_m2, np.repeat(np.arange(len(eyes_m)), np.diff(start)), coverage.grid.weight_m2[cells])
     whole_m2 = float(coverage.grid.weight_m2[coverage.coverable].sum())
