@@ -99,7 +99,7 @@ def test_pictures_whose_blur_nobody_tells_leave_the_verdict_open(cli, tmp_path, 
 def test_limits_that_the_user_gave_are_judged_and_others_are_told(cli, tmp_path, flight):
     arguments = ("verify", flight / "flight.csv", "--photos", flight / "pictures.csv", *ANY)
     low = cli(*arguments, "--max-height", "60m", "-o", tmp_path / "a", "--json", code=1)
-    assert {violation["kind"] for violation in low.document["violations"]} == {"above-band"}
+    assert {violation["kind"] for violation in low.document["violations"]} == {"above-band", "above-transit-height"}
     assert "not judged, because not specified: --max-height, --no-fly" in cli(*arguments, "-o", tmp_path / "b").out
     overlap = cli(*arguments, "--overlap", "90/90", "-o", tmp_path / "c", "--json", code=1)
     assert any(reason.startswith("the required overlap, 100 photos") for reason in overlap.document["reasons"])

@@ -131,21 +131,21 @@ class Lattice:
         Many paths have the same column at home, so the last results are kept.
         """
         key = climb_out_m.tobytes()
-        if key not in self._paths:
-            positions_m, links, length = self.linked_with(climb_out_m, np.zeros((0, 2), dtype=np.int64))
-            begin = len(self.positions_m)
-            upright = np.column_stack([np.full(len(climb_out_m) - 1, begin), np.arange(begin + 1, len(positions_m))])
-            rises = _UPRIGHT * np.abs(climb_out_m[1:, 2] - climb_out_m[0, 2])
-            both, lengths = np.vstack([links, upright]), np.concatenate([length, rises])
-            shape = len(positions_m), len(positions_m)
-            graph = scipy.sparse.csr_matrix((lengths, (both[:, 0], both[:, 1])), shape=shape)
-            far, before = scipy.sparse.csgraph.dijkstra(
-                graph, directed=False, indices=[begin], return_predecessors=True
-            )
-            if len(self._paths) >= _KEPT_COLUMNS:
-                self._paths.clear()
-            self._paths[key] = positions_m, far[0], before[0]
-        return self._paths[key]
+        if (kept := self._paths.get(key)) is not None:
+            return kept
+        positions_m, links, length = self.linked_with(climb_out_m, np.zeros((0, 2), dtype=np.int64))
+        begin = len(self.positions_m)
+        upright = np.column_stack([np.full(len(climb_out_m) - 1, begin), np.arange(begin + 1, len(positions_m))])
+        rises = _UPRIGHT * np.abs(climb_out_m[1:, 2] - climb_out_m[0, 2])
+        both, lengths = np.vstack([links, upright]), np.concatenate([length, rises])
+        shape = len(positions_m), len(positions_m)
+        graph = scipy.sparse.csr_matrix((lengths, (both[:, 0], both[:, 1])), shape=shape)
+        far, before = scipy.sparse.csgraph.dijkstra(graph, directed=False, indices=[begin], return_predecessors=True)
+        if len(self._paths) >= _KEPT_COLUMNS:
+            self._paths.clear()
+        found = positions_m, far[0], before[0]
+        self._paths[key] = found
+        return found
 
     def with_few_corners(self, path_m: FloatArray) -> FloatArray:
         """An (n, 3) path with the longest legs from each position that keep the limits."""
