@@ -5,7 +5,7 @@ import pytest
 
 from tests.verification.flights import LEANING_DEG, Flight, changed, track_of
 from uavcover.model.track import Track
-from uavcover.verification.flights_of_logs import flights_in
+from uavcover.verification.run_logs import flights_in
 
 pytestmark = pytest.mark.usefixtures("attitudes_count")
 

@@ -25,10 +25,9 @@ from uavcover.sensing.photos import PhotoCounts, count_photos, photo_statistics,
 from uavcover.sensing.site_maps import fleet_map, map_for
 from uavcover.terrain.frames import Bounds
 from uavcover.verification.command import judge_tracks, log_name
-from uavcover.verification.flights_of_logs import flights_of_logs
 from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.judged_track import track_positions_m
-from uavcover.verification.run_logs import date_bounds
+from uavcover.verification.run_logs import date_bounds, flights_of_logs
 from uavcover.verification.verify import Verdict
 
 

@@ -33,7 +33,6 @@ from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import looks_singly
 from uavcover.sensing.site_maps import fleet_map, judging_map
 from uavcover.verification.decision import requirement_rows
-from uavcover.verification.flights_of_logs import flights_of_logs
 from uavcover.verification.flown_coverage import (
     NOTHING_KNOWN,
     CountObservations,
@@ -44,7 +43,7 @@ from uavcover.verification.flown_coverage import (
 )
 from uavcover.verification.flown_route import TRACK, PlannedRoute
 from uavcover.verification.gaps import REASONS, cells_geotiff, reason_codes
-from uavcover.verification.run_logs import UNKNOWN_DATES, DateBounds, date_bounds
+from uavcover.verification.run_logs import UNKNOWN_DATES, DateBounds, date_bounds, flights_of_logs
 from uavcover.verification.verify import FlownTrack, Verdict, verify_flight, verify_track
 
 # Check the elevation data against the ground that vehicles measured in flight.

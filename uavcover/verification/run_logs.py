@@ -1,7 +1,7 @@
-"""A flight's log for a run: its track, the plan that it followed, and the dates between which it was flown."""
+"""A flight's log for a run: its track, the plan that it followed, its dates, and its flights where it contains several."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, time
 from pathlib import Path
@@ -9,16 +9,20 @@ from pathlib import Path
 import numpy as np
 
 from mission_io.data_tables import read_document
+from mission_io.model.plain_text import counted
 from uavcover.errors import InputError, TrackError
-from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.limits import flown_window, window_text
 from uavcover.model.track import ReadTrack, Track
 from uavcover.run import provenance
-from uavcover.run.documents import TRACK, plans_of, read_plan_document
+from uavcover.run.documents import TRACK as TRACK_FILE
+from uavcover.run.documents import plans_of, read_plan_document
 from uavcover.run.folder import RunFolder
 from uavcover.run.track_file import read_track_with_warnings
 from uavcover.scenario.site import Site
-from uavcover.verification.flown_route import PlannedRoute
+from uavcover.verification.flown_route import TRACK, PlannedRoute, passing
+from uavcover.verification.judged_track import position_radius_m, track_positions_m
+from uavcover.verification.track_doubts import ENDS, ground_tolerance_m
 from uavcover.verification.track_logs.readers import CLOCK, READERS, read_foreign_log
 
 # Check a track's clocks: its date, and the receive times on the clock of the ground station.
@@ -241,7 +245,7 @@ def _read(path: Path, site: Site, system: int | None) -> ReadTrack:
 
 def _of_its_standing(path: Path) -> list[str]:
     """Finding on the track of a flight that continues, or that was not followed to its end."""
-    if path.name != TRACK:
+    if path.name != TRACK_FILE:
         return []
     words = {
         provenance.FLYING: "is still in progress; the track does not contain later observations yet",
@@ -276,7 +280,7 @@ def planned_for(log: Path, run: RunFolder, track: Track | None = None) -> Planne
     if not folder.file("plan.json").exists():
         folder = run if track is None else _followed_by(track, run)
     planned = read_planned_route(folder)
-    if planned is None or not any(sortie.path in folder.file(TRACK).parents for sortie in run.sorties()):
+    if planned is None or not any(sortie.path in folder.file(TRACK_FILE).parents for sortie in run.sorties()):
         return planned
     # The flights of one plan count together, and so does what it promised.
     whole = read_planned_route(run)
@@ -304,3 +308,86 @@ def _followed_by(track: Track, run: RunFolder) -> RunFolder:
 def date_bounds(log: Path, run: RunFolder) -> DateBounds:
     """Earliest and latest date of a log, from its firmware, its run's plan and its file time."""
     return DateBounds(provenance.planned_at_s(run), log.stat().st_mtime, firmware_of(log))
+
+
+# The flights of a log: autopilots write all flights between two restarts into one file.
+#
+# A log is cut where the vehicle stands on the ground. Flights that pass no planned waypoints, such as a test hop, are left out.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoggedFlights:
+    """Flights of logs, in order."""
+
+    paths: tuple[Path, ...]  # of each flight's log
+    tracks: tuple[tuple[Track, PlannedRoute | None], ...]  # each with the plan that it followed
+    warnings: tuple[str, ...]  # what was dropped or assumed, one line each
+    notes: tuple[str, ...]  # which logs contain several flights, one line each
+
+
+def flights_of_logs(paths: Sequence[Path], run: RunFolder, site: Site, *, system: int | None = None) -> LoggedFlights:
+    """Read the logs of a run; a track of uavcover is one flight.
+
+    Raises:
+        InputError: a log or a plan cannot be read.
+    """
+    of, tracks = list[Path](), list[tuple[Track, PlannedRoute | None]]()
+    warnings, notes = list[str](), list[str]()
+    for path in paths:
+        read = read_log(path, site, system=system)
+        warnings += read.warnings
+        flights = [(each, planned_for(path, run, each)) for each in flights_in(read.track, site)]
+        kept = [flight for flight in flights if _follows(*flight, site)]
+        if len(flights) > 1:
+            follow = f"{counted(len(kept), 'follows', 'follow')} the plan" if kept else "none follows the plan"
+            ignored = "; the others are ignored" if 0 < len(kept) < len(flights) else ""
+            notes.append(f"{path.name} contains {len(flights)} flights; {follow}{ignored}")
+            flights = flights if kept else [(read.track, planned_for(path, run, read.track))]
+        tracks += kept or flights
+        of += [path] * len(kept or flights)
+    return LoggedFlights(tuple(of), tuple(tracks), tuple(warnings), tuple(notes))
+
+
+def flights_in(track: Track, site: Site) -> list[Track]:
+    """The track, cut where its vehicle stands on the ground for ``TRACK.stand_s`` between two flights."""
+    if len(track) < 2 or (track.current_waypoint >= 0).any():
+        return [track]
+    enu_m = track_positions_m(site, track)
+    agl_m = site.bare_ground.heights_agl_m(enu_m)
+    low = ~(np.abs(agl_m) > ground_tolerance_m(site.scenario))  # or over ground that is not the scenario's
+    stands = low & _at_rest(track.time_s, enu_m)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], stands, [False]]).astype(np.int8)))
+    cuts = []
+    for first, end in zip(edges[0::2].tolist(), edges[1::2].tolist(), strict=True):
+        lasts_s = float(track.time_s[end - 1] - track.time_s[first])
+        if first == 0 or end == len(track) or lasts_s < TRACK.stand_s:
+            continue
+        gaps_s = np.diff(track.time_s[first:end])
+        longest = int(np.argmax(gaps_s))
+        middle = int(np.searchsorted(track.time_s, track.time_s[first] + 0.5 * lasts_s))
+        cuts.append(first + longest + 1 if gaps_s[longest] > ENDS.still_s else middle)
+    return [track.taken(np.arange(*ends)) for ends in zip([0, *cuts], [*cuts, len(track)], strict=True)]
+
+
+def _at_rest(time_s: FloatArray, enu_m: FloatArray) -> BoolArray:
+    """(n,) whether (n, 3) positions barely change in the time before or after each, as at the ends of a flight."""
+    found = np.zeros(len(time_s), dtype=bool)
+    here = np.arange(len(time_s))
+    before = np.searchsorted(time_s, time_s - ENDS.still_s)
+    after = np.searchsorted(time_s, time_s + ENDS.still_s, side="right") - 1
+    for first, last in ((before, here), (here, after)):
+        seconds = time_s[last] - time_s[first]
+        moved_m = np.abs(enu_m[last] - enu_m[first])
+        slow = np.hypot(moved_m[:, 0], moved_m[:, 1]) <= ENDS.still_level_m_s * seconds
+        slow &= moved_m[:, 2] <= ENDS.still_vertical_m_s * seconds
+        found |= slow & (seconds >= 0.5 * ENDS.still_s)
+    return found
+
+
+def _follows(track: Track, planned: PlannedRoute | None, site: Site) -> bool:
+    """Whether a flight passes two planned waypoints, or the only one."""
+    if planned is None or not len(planned.waypoints_m):
+        return True
+    joined = np.diff(track.time_s) <= site.scenario.requirements.max_gap_s
+    passed = passing(track_positions_m(site, track), joined, planned.waypoints_m, radius_m=position_radius_m(site))
+    return int(passed.passed.sum()) >= min(2, len(planned.waypoints_m))
