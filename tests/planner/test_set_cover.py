@@ -243,7 +243,7 @@ def test_when_the_time_is_over_the_remaining_positions_observe_nothing(monkeypat
     assert (np.diff(start) == np.diff(start)[0]).all()
     assert start[1] > 0
     monkeypatch.setattr("uavcover.planner.set_cover._POSITIONS_AT_ONCE", 5)
-    stops = iter([False, False, True])
+    stops = iter([False, True])
     ended, cells = observed_from_each(coverage, positions, every, coverage.sight, stops.__next__)
     np.testing.assert_array_equal(ended[:11], start[:11])
     assert (ended[11:] == start[10]).all()

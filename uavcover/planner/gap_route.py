@@ -132,18 +132,25 @@ def inside_fence(site: Site, positions_m: FloatArray) -> BoolArray:
     return np.asarray(inside & np.isfinite(site.ground.heights_m(positions_m)), dtype=bool)
 
 
-def cover(missing: MissingCells, positions_agl_m: FloatArray, sight: Sight, wanted: BoolArray) -> FloatArray:
+def cover(
+    missing: MissingCells,
+    positions_agl_m: FloatArray,
+    sight: Sight,
+    wanted: BoolArray,
+    is_over: Callable[[], bool] = lambda: False,
+) -> FloatArray:
     """A subset of (k, 3) positions that observes the same ``wanted`` (m,) cells as all of them together.
 
     Greedy set cover: choose the position that observes the most unobserved ground (at most ln(m) + 1 times the optimum). A camera
     that turns with the legs is assumed to look in all directions, because the route through the positions determines its heading.
+    When the time is over, only some of the positions are considered.
 
     Returns:
         (j, 3) positions with their heights above ground, in the order of choice.
     """
     ups = missing.coverage.site.ground.ups_m(positions_agl_m[:, :2], positions_agl_m[:, 2])
     eyes = np.column_stack([positions_agl_m[:, :2], ups])
-    start, cells = observed_from_each(missing.coverage, eyes, missing.numbers[wanted], any_heading(sight))
+    start, cells = observed_from_each(missing.coverage, eyes, missing.numbers[wanted], any_heading(sight), is_over)
     positions = np.repeat(np.arange(len(eyes)), np.diff(start))
     left = np.zeros(missing.coverage.grid.count)
     left[missing.numbers[wanted]] = missing.weight_m2[wanted]
@@ -193,6 +200,8 @@ def plan_gap_route(
     useful_m2: float = 0.0,
     # whether the time for improvements is over: called between trials
     is_over: Callable[[], bool] = lambda: False,
+    # whether no time is left even for the first route, which may then lack some of the ground
+    gives_up: Callable[[], bool] = lambda: False,
 ) -> GapRoute:
     """A short route from a start to an end that observes the missing cells.
 
@@ -205,7 +214,7 @@ def plan_gap_route(
     if not missing.any():
         raise InfeasibleError("there are no gaps to close: all visible ground was observed")
     site = coverage.site
-    builder = _Builder(site, MissingCells.of(coverage, missing), start_m, end_m, is_over)
+    builder = _Builder(site, MissingCells.of(coverage, missing), start_m, end_m, is_over, gives_up)
     builder.add_viewpoints(math.inf if needed_m2 is None else needed_m2)
     if builder.observed_m2 < useful_m2:
         raise InfeasibleError(f"cannot close the gaps: only {builder.observed_m2:.0f} of {useful_m2:.0f} m² is visible")
@@ -219,11 +228,12 @@ class _Builder:
     """A route as corners on the map with wanted heights, and the cells that it observes."""
 
     def __init__(
-        self, site: Site, missing: MissingCells, start_m: FloatArray, end_m: FloatArray, is_over: Callable[[], bool]
-    ) -> None:
+        self, site: Site, missing: MissingCells, start_m: FloatArray, end_m: FloatArray,
+        is_over: Callable[[], bool], gives_up: Callable[[], bool],
+    ) -> None:  # fmt: skip
         self.site, self.missing = site, missing
         self.start_m, self.end_m = start_m, end_m
-        self.is_over = is_over
+        self.is_over, self.gives_up = is_over, gives_up
         self.corners = np.empty((0, 3))
         limits, self.sight = site.scenario.limits, missing.coverage.sight
         middle_agl_m = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
@@ -244,13 +254,13 @@ class _Builder:
         """Add corners until the laid route observes enough, or all: first with the narrowed sensor, then with the full one."""
         wanted = np.ones(len(self.missing.weight_m2), dtype=bool)
         grid = grid_positions(self.site, self.missing)
-        self._take(np.vstack([self.corners, cover(self.missing, grid, self.narrow, wanted)]))
+        self._take(np.vstack([self.corners, cover(self.missing, grid, self.narrow, wanted, self.gives_up)]))
         sights = [self.sight, *inside_every_heading(self.sight)]
         for _ in range(_ROUNDS):
             if self.observed.all() or self._area_m2(self.observed) >= needed_m2 or self.is_over():
                 return
             around = positions_around(self.site, self._some_unobserved())
-            more = cover(self.missing, around, sights[0], ~self.observed)
+            more = cover(self.missing, around, sights[0], ~self.observed, self.gives_up)
             before = self.corners, self.views
             if len(more) > 0:
                 self._take(np.vstack([self.corners, more]))
@@ -380,6 +390,8 @@ class _Builder:
 
     def _views_with(self, corners: FloatArray) -> BoolArray:
         """(2, m) cells that the laid route observes: with the narrowed sensor, and with the full one."""
+        if len(corners) == 0:  # the positions that were considered observe nothing
+            return np.zeros_like(self.views)
         return self.missing.observed_on(self._laid(corners), (self.narrow, self.sight))
 
     def _violation(self, corners: FloatArray) -> float:

@@ -24,7 +24,7 @@ from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, observes_each
 from uavcover.sensing.sensors import any_heading
 
-_POSITIONS_AT_ONCE = 500
+_POSITIONS_AT_ONCE = 100
 _ROUNDING_M = 1e-9
 
 
@@ -99,7 +99,7 @@ def observed_from_each(
         positions_m: (p, 3) ENU, of a vehicle that heads north.
         among: (k,) numbers of the cells to consider, rising.
         sight: the sensor.
-        is_over: whether the time is over; from then on, positions observe nothing.
+        is_over: whether the time is over. From then on, positions observe nothing, except the first ones.
 
     Returns:
         (p + 1,) begin of each position's cells, and the numbers of the cells, rising for each position.
@@ -112,7 +112,7 @@ def observed_from_each(
     counts = np.zeros(len(positions_m), dtype=np.int64)
     observed: list[NDArray[np.int32]] = []
     for first in range(0, len(positions_m), _POSITIONS_AT_ONCE):
-        if is_over():
+        if first > 0 and is_over():
             break
         some = positions_m[first : first + _POSITIONS_AT_ONCE]
         near: Sequence[list[int]] = tree.query_ball_point(some[:, :2], reach, return_sorted=True)  # type: ignore[assignment]

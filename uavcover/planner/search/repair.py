@@ -165,8 +165,8 @@ def with_gaps_closed(
     missing_m2 = float(judging.grid.weight_m2[missing].sum())
     useful_m2 = (1.0 - _NEARLY_CLOSED) * lacking * whole_m2
     for more in more_ground:
-        over = _over_after(most_trials, is_over)
-        whole = _with_repair(judging, route, missing, more * lacking * whole_m2, useful_m2, over)
+        areas_m2 = more * lacking * whole_m2, useful_m2
+        whole = _with_repair(judging, route, missing, areas_m2, is_over, most_trials)
         if whole is None:
             return None
         # After a route, distance-triggered photos fall elsewhere than after home, so more ground may be needed.
@@ -192,17 +192,18 @@ def _with_repair(
     judging: CoverageMap,
     route: Route,
     missing: BoolArray,
-    needed_m2: float,
-    useful_m2: float,
+    areas_m2: tuple[float, float],  # to observe, and below which the repair is useless
     is_over: Callable[[], bool],
+    most_trials: int,
 ) -> Route | None:
     """The route, extended by a repair for part of the missing ground; None if useless or beyond a limit."""
     site, points = judging.site, route.waypoints_m
     end_m = points[-1] if site.home_m is None else site.home_m
     try:
         repair = plan_gap_route(
-            judging, missing, start_m=points[-1], end_m=end_m, needed_m2=needed_m2, useful_m2=useful_m2, is_over=is_over
-        )
+            judging, missing, start_m=points[-1], end_m=end_m, needed_m2=areas_m2[0], useful_m2=areas_m2[1],
+            is_over=_over_after(most_trials, is_over), gives_up=is_over,
+        )  # fmt: skip
     except InfeasibleError:
         return None
     whole = joined(site, [points, repair.route.waypoints_m])
