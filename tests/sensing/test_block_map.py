@@ -49,6 +49,7 @@ def test_it_sees_what_the_whole_sees(of_blocks: Site, whole: CoverageMap) -> Non
         assert made.fraction(observed) == whole.fraction(observed)
         assert made.fraction_of_coverable(observed) == whole.fraction_of_coverable(observed)
     assert 0.1 < made.observed(lines(of_blocks)[0]).mean() < 0.9
+    assert made.knows_coverable(lambda: True)
     assert np.array_equal(made.coverable, whole.coverable)
     assert np.array_equal(made.grid.weight_m2, whole.grid.weight_m2)
     observations = made.observations(lines(of_blocks)[0])

@@ -151,11 +151,11 @@ Shape = TypeVar("Shape", bound=shapely.Geometry)
 
 def once(compute: Callable[[Site], Computed]) -> Callable[[Site], Computed]:
     """Make a function of a later stage a cached property of its site. A copy of the site starts without its value."""
+    name = _name_of(compute)
 
     @functools.wraps(compute)
     def found(site: Site) -> Computed:
         values: dict[str, Computed] = site.__dict__
-        name = _name_of(compute)
         if name not in values:
             values[name] = compute(site)
         return values[name]
