@@ -89,7 +89,7 @@ class SimulatorProcess:
 
 
 def free_udp_port() -> int:
-    """A UDP port that nobody listens on now, and that no other socket gets before a station listens there."""
+    """A free UDP port that no other socket gets before a station listens there."""
     return next(port for port in random.sample(_PORTS, len(_PORTS)) if is_udp_port_free(port))
 
 

@@ -107,7 +107,7 @@ def test_each_part_is_planned_for_its_sensor(planned: RunFolder) -> None:
 
 def test_it_is_flown_and_judged_by_each_ones_sensor(planned: RunFolder, tmp_path: Path) -> None:
     run, user = copied(planned, tmp_path), Listener()
-    # Vehicle 1 falls from the sky: nobody else has its camera, so what it leaves is a gap.
+    # Vehicle 1 falls from the sky: no other vehicle has its camera, so what it leaves is a gap.
     with pytest.raises(FleetFailedError) as failed:
         fly(run, Hangar(2, lost_at(5, number=1)), user)
     assert any("remains unflown, as a gap: it requires a sensor" in line for line in user.lines)

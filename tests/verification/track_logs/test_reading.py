@@ -424,22 +424,18 @@ def test_the_flown_square_is_in_the_log(name: str) -> None:
 def test_attitudes_are_those_of_a_flight_with_the_nose_along_the_path(name: str) -> None:
     flown = track(name)
     assert np.abs(flown.attitude_deg[:, :2]).max() < 45.0
-    east = np.gradient(flown.enu_m[:, 0], flown.time_s) > 3.0
-    assert east.sum() > 10
+    assert (east := np.gradient(flown.enu_m[:, 0], flown.time_s) > 3.0).sum() > 10
     assert np.median(np.abs(flown.attitude_deg[east, 2] - 90.0)) < 10.0
 
 
 @pytest.mark.parametrize("name", ["arducopter_square.bin", "arducopter_square.tlog"])
 def test_reported_velocities_agree_with_the_positions_and_turned_ones_do_not(name: str) -> None:
-    flown = track(name)
-    limits = motion_limits(Vehicle(), Wind())
+    flown, limits = track(name), motion_limits(Vehicle(), Wind())
 
     def judged(velocity_m_s: np.ndarray) -> Motion:
         return judge_motion(flown.time_s, flown.enu_m, limits, max_gap_s=2.0, velocity_m_s=velocity_m_s)
 
-    motion = judged(flown.velocity_enu_m_s)
-    assert motion.moves == ()
-    assert motion.contradiction is None
+    assert ((motion := judged(flown.velocity_enu_m_s)).moves, motion.contradiction) == ((), None)
     assert np.isfinite(flown.velocity_enu_m_s).all(axis=1).mean() > 0.95
     assert judged(flown.velocity_enu_m_s[:, [1, 0, 2]]).contradiction is not None
 
